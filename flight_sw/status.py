@@ -1,0 +1,18 @@
+"""Status codes of the flight software: never renumbered, text formed on the ground.
+
+| code | severity | cause | what the computer does |
+| --- | --- | --- | --- |
+| OK | - | - | - |
+| SATURATED | info | a command or a cosine left its range | uses the nearest allowed value |
+| NONFINITE | error | NaN or infinity in a navigation field or a law's output | holds the last command |
+| NO_FIX | warning | the navigation set of this cycle is missing or inconsistent | holds the last command |
+| TABLE_RANGE | info | a table was asked outside its range | uses the edge value |
+| DOMAIN | warning | a division or root outside its domain | uses the guarded value |
+"""
+
+OK = 0
+SATURATED = 1
+NONFINITE = 2
+NO_FIX = 3
+TABLE_RANGE = 4
+DOMAIN = 5

@@ -1,0 +1,1 @@
+"""The ground: the `aeroshell` command, gain design, reports."""
