@@ -1,0 +1,102 @@
+"""Nominal guidance with the inner loop: output feedback on heat flux and load factor (LQY).
+
+Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/lqy.py, scheduled over specific energy. The
+heat-flux output is taken at the pseudo altitude h* = h + c_gamma V gamma of Eq. 30: its deviation
+from the commanded path leads the measured error, without it the loop is a double integrator.
+
+Limits: bank only; load-factor error one-sided, so the loop never drives the load up to its limit.
+"""
+
+import math
+
+from flight_sw.fields import Field, RecordSpec
+from flight_sw.guidance import nominal
+from flight_sw.jit import kernel
+from flight_sw.onboard import specific_energy
+from flight_sw.tables import interp
+from flight_sw.types_ import Record
+
+GAIN_ROWS = 32
+
+TELEMETRY = (*nominal.TELEMETRY, "bank_correction_rad", "heat_flux_error_wpm2")
+BANK_CORRECTION, HEAT_FLUX_ERROR = len(nominal.TELEMETRY), len(nominal.TELEMETRY) + 1
+PHASES = nominal.PHASES
+
+INNER_LOOP = RecordSpec(
+    "inner_loop",
+    Field("n_rows", 2, GAIN_ROWS, "rows in use", kind="u4"),
+    Field("energy_jpkg", 0.0, 1e9, "grid", shape=(GAIN_ROWS,), rows="n_rows"),
+    Field("k_heat_flux_radm2pw", 0.0, 1.0, "bank per heat-flux error", shape=(GAIN_ROWS,)),
+    Field("k_load_radpg", 0.0, 100.0, "bank per load-factor error", shape=(GAIN_ROWS,)),
+    Field("lead_s", 0.0, 1e3, "c_gamma of Eq. 30"),
+    Field("band_ratio", 0.0, 10.0, "of the set point: no heat-flux tracking beyond it"),
+    Field("decay_s", 0.01, 1e3, "Eq. 31"),
+)
+
+DESIGN = RecordSpec(
+    "lqy", Field("nominal", record=nominal.DESIGN), Field("inner_loop", record=INNER_LOOP)
+)
+
+STATE = RecordSpec(
+    "lqy_state",
+    Field("nominal", record=nominal.STATE),
+    Field("correction_rad"),
+    Field("heat_flux_error_wpm2", why="with lead and decay, as fed back"),
+)
+
+
+@kernel
+def heat_flux_error(design: Record, loop: Record, inner: Record, nav: Record) -> float:
+    """Heat-flux error with the lead of h* and the decay of Eqs. 31-32; zero outside the band."""
+    q_wpm2 = nav["heat_flux_wpm2"]
+    set_point_wpm2 = design["heat_flux_max_wpm2"]
+    error_wpm2 = q_wpm2 - set_point_wpm2
+    if not abs(error_wpm2) < loop["band_ratio"] * set_point_wpm2:
+        return 0.0
+    lead_m = (
+        loop["lead_s"] * nav["v_rel_mps"]
+        * (nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"])
+    )
+    # dq/dh = -q / 2 Hs, the first column of C in [MOOIJ18] Eq. 29 applied to the lead.
+    led_wpm2 = error_wpm2 - q_wpm2 * lead_m / (2.0 * design["scale_height_m"])
+    # Eq. 31 as printed runs from 0 to 1; one minus it.
+    return led_wpm2 * (1.0 - nominal.smooth_step(inner["released_s"] / loop["decay_s"]))
+
+
+@kernel
+def correction(design: Record, loop: Record, planet: Record, state: Record, nav: Record) -> float:
+    """Bank increment of the inner loop: the larger of the two parallel trackers."""
+    inner = state["nominal"]
+    energy_jpkg = specific_energy(planet, nav["alt_m"], nav["v_rel_mps"])
+    n_rows = int(loop["n_rows"])
+    grid = loop["energy_jpkg"]
+    k_heat_flux = interp(energy_jpkg, grid, loop["k_heat_flux_radm2pw"], n_rows)
+    k_load = interp(energy_jpkg, grid, loop["k_load_radpg"], n_rows)
+    error_wpm2 = heat_flux_error(design, loop, inner, nav)
+    state["heat_flux_error_wpm2"] = error_wpm2
+    for_heat_flux_rad = -k_heat_flux * error_wpm2
+    for_load_rad = -k_load * max(inner["load_factor_g"] - design["load_factor_max_g"], 0.0)
+    if abs(for_load_rad) > abs(for_heat_flux_rad):
+        return for_load_rad
+    return for_heat_flux_rad
+
+
+@kernel
+def step(load: Record, state: Record, nav: Record, out: Record) -> int:
+    """One guidance step of law `lqy`."""
+    design = load["law"]
+    onboard = load["onboard"]
+    inner = state["nominal"]
+    code = nominal.advance(
+        design["nominal"], onboard, load["atmosphere"], inner, nav, load["guidance_dt_s"]
+    )
+    nominal.report(inner, out)
+    if inner["phase"] >= nominal.HEAT_FLUX:
+        state["correction_rad"] = correction(
+            design["nominal"], design["inner_loop"], onboard["planet"], state, nav
+        )
+        out["bank_cmd_rad"] = min(max(inner["bank_rad"] + state["correction_rad"], 0.0), math.pi)
+    telemetry = out["telemetry"]
+    telemetry[BANK_CORRECTION] = state["correction_rad"]
+    telemetry[HEAT_FLUX_ERROR] = state["heat_flux_error_wpm2"]
+    return code

@@ -1,0 +1,277 @@
+"""Nominal guidance: bank that keeps rho V^n constant, heat flux first, then load factor.
+
+Source: [MOOIJ18] Eqs. 9-23 with the corrections listed in docs/equations.md. Before the heat-flux
+peak bank and the first angle of attack are held; at the peak the second angle of attack is taken;
+tracking starts when the heat flux falls through its set point, or at the peak if that is lower.
+
+Limits: one-signed bank (no lateral guidance); exponential density in the path law, with the scale
+height of the load; heat flux peak found by two falling samples, so it wants clean navigation.
+"""
+
+import math
+
+from flight_sw import status
+from flight_sw.fields import Field, RecordSpec
+from flight_sw.jit import kernel
+from flight_sw.onboard import FORCES, modelled_forces
+from flight_sw.types_ import Record
+
+PRE_PEAK, POST_PEAK, HEAT_FLUX, TRANSITION = 0, 1, 2, 3
+PHASES = ("pre-peak", "post-peak", "heat-flux", "transition")
+
+N_HEAT_FLUX = 6.0  # rho V^6 is constant on a heat-flux limit, [MOOIJ18] below Eq. 9
+N_LOAD = 2.0  # rho V^2 is constant on a load limit
+FALLING_SAMPLES = 2  # in a row, make a peak
+LIFT_MIN_MPS2 = 1e-6  # no bank command is formed below this lift
+V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it
+SIN_GAMMA_MAX = 0.99  # a steeper path is asked for only where the law has no meaning
+
+TELEMETRY = (
+    "bank_nominal_rad",
+    "flight_path_angle_cmd_rad",
+    "flow_exponent",
+    "tracking_constant_ratio",
+)
+BANK_NOMINAL, GAMMA_CMD, FLOW_EXPONENT, CONSTANT_RATIO = 0, 1, 2, 3
+
+DESIGN = RecordSpec(
+    "nominal",
+    Field("heat_flux_max_wpm2", 1e3, 1e9, "set point"),
+    Field("load_factor_max_g", 0.01, 1e3, "set point"),
+    Field("alpha_before_peak_rad", -math.pi, math.pi, "large: low peak"),
+    Field("alpha_after_peak_rad", -math.pi, math.pi, "largest L/D"),
+    Field("bank_before_tracking_rad", -math.pi, math.pi, "full lift up"),
+    Field("scale_height_m", 1e2, 1e5, "of the path law"),
+    Field("k_gamma_p", -1e4, 1e4, "m/s2 per rad, Eq. 17 as printed"),
+    Field("k_gamma_i", -1e4, 1e4, "m/s3 per rad"),
+    Field("k_gamma_d", -1e4, 1e4, "m/s per rad"),
+    Field("k_flow_p_rad", -10.0, 10.0, "Eq. 23"),
+    Field("k_flow_d_heat_flux_rads", -10.0, 10.0, "Eq. 23, heat-flux phase"),
+    Field("k_flow_d_load_rads", -10.0, 10.0, "Eq. 23, load phase"),
+    Field("transition_start_ratio", 0.01, 0.99, "share of the load limit, Eq. 18"),
+    Field("transition_duration_s", 0.1, 1e3, "Eq. 21"),
+    Field("release_exponent", N_LOAD, N_HEAT_FLUX, "heat-flux tracking ends below this n"),
+)
+
+STATE = RecordSpec(
+    "nominal_state",
+    Field("phase", kind="u4"),
+    Field("falling", kind="u4", why="falling heat-flux samples in a row"),
+    Field("heat_flux_prev_wpm2"),
+    Field("heat_flux_peak_wpm2"),
+    Field("tracking_constant", why="rho V^n held, at n of the phase"),
+    Field("gamma_integral_rads"),
+    Field("gamma_error_prev_rad"),
+    Field("gamma_started", kind="u4", why="0 until an error has been seen"),
+    Field("transition_time_s", why="since the transition began"),
+    Field("released", kind="u4", why="1 once heat-flux tracking has been given up"),
+    Field("released_s", why="time since then"),
+    Field("gamma_cmd_rad"),
+    Field("flow_exponent", why="n of rho V^n"),
+    Field("constant_ratio", why="rho V^n over the constant held"),
+    Field("load_factor_g", why="modelled"),
+    Field("bank_rad", why="command of this step"),
+    Field("alpha_rad", why="command of this step"),
+    Field("forces", record=FORCES),
+)
+
+
+@kernel
+def smooth_step(x: float) -> float:
+    """Fifth-order step from 0 to 1, flat to second order at both ends.  [MOOIJ18] before Eq. 18"""
+    u = min(max(x, 0.0), 1.0)
+    return u * u * u * (u * (6.0 * u - 15.0) + 10.0)
+
+
+@kernel
+def path_angle_command(constant: float, n: float, v_mps: float, k_kgpm2: float, g_mps2: float,
+                       h_s_m: float) -> tuple[float, float]:
+    """Flight-path angle that keeps rho V^n, and its slope over speed.
+
+    [MOOIJ18] Eq. 12 with V^2 + n g Hs (printed with a minus and an a), Eq. 13 as printed.
+    """
+    v_n = math.pow(v_mps, n - 2.0) * (v_mps * v_mps + n * g_mps2 * h_s_m)
+    sin_gamma = -constant * n * h_s_m / (2.0 * k_kgpm2 * v_n)
+    sin_gamma = min(max(sin_gamma, -SIN_GAMMA_MAX), SIN_GAMMA_MAX)
+    gamma_rad = math.asin(sin_gamma)
+    slope = (
+        constant * n * n * h_s_m
+        * (math.pow(v_mps, n - 1.0) + g_mps2 * h_s_m * (n - 2.0) * math.pow(v_mps, n - 3.0))
+        / (2.0 * k_kgpm2 * v_n * v_n * math.cos(gamma_rad))
+    )
+    return gamma_rad, slope
+
+
+@kernel
+def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -> None:
+    """Phases up to tracking: the peak by falling samples, then the set point from above."""
+    if state["phase"] == PRE_PEAK:
+        state["heat_flux_peak_wpm2"] = max(state["heat_flux_peak_wpm2"], q_wpm2)
+        if q_wpm2 < state["heat_flux_prev_wpm2"]:
+            state["falling"] += 1
+        else:
+            state["falling"] = 0
+        if state["falling"] >= FALLING_SAMPLES:
+            state["phase"] = POST_PEAK
+    if state["phase"] == POST_PEAK and q_wpm2 <= design["heat_flux_max_wpm2"]:
+        # A set point above the natural peak scales the constant, first power as in [MOOIJ18].
+        scale = max(design["heat_flux_max_wpm2"] / state["heat_flux_peak_wpm2"], 1.0)
+        state["tracking_constant"] = flow_now * scale
+        state["phase"] = HEAT_FLUX
+    state["heat_flux_prev_wpm2"] = q_wpm2
+
+
+@kernel
+def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_s: float) -> float:
+    """Exponent of the phase (into `state`) and the constant to hold now.  [MOOIJ18] Eqs. 18-22"""
+    load_max = design["load_factor_max_g"]
+    load_start = design["transition_start_ratio"] * load_max
+    if state["phase"] == HEAT_FLUX and state["load_factor_g"] >= load_start:
+        state["phase"] = TRANSITION
+        state["transition_time_s"] = 0.0
+    if state["phase"] != TRANSITION:
+        state["flow_exponent"] = N_HEAT_FLUX
+        return state["tracking_constant"]
+    share = smooth_step((state["load_factor_g"] - load_start) / (load_max - load_start))
+    state["flow_exponent"] = N_HEAT_FLUX - (N_HEAT_FLUX - N_LOAD) * share
+    present = rho_kgpm3 * math.pow(v_mps, state["flow_exponent"])
+    if state["released"] == 1:
+        state["released_s"] += dt_s
+    elif state["flow_exponent"] < design["release_exponent"]:
+        state["released"] = 1
+    blend = smooth_step(state["transition_time_s"] / design["transition_duration_s"])
+    state["transition_time_s"] += dt_s
+    return state["tracking_constant"] - (state["tracking_constant"] - present) * blend
+
+
+@kernel
+def _gamma_correction(design: Record, state: Record, gamma_rad: float, dt_s: float) -> float:
+    """PID on the path angle, an acceleration: read as printed, not times V.  [MOOIJ18] Eq. 17"""
+    error_rad = state["gamma_cmd_rad"] - gamma_rad
+    rate_radps = 0.0
+    if state["gamma_started"] == 1:
+        rate_radps = (error_rad - state["gamma_error_prev_rad"]) / dt_s
+    state["gamma_started"] = 1
+    state["gamma_error_prev_rad"] = error_rad
+    state["gamma_integral_rads"] += error_rad * dt_s
+    return (
+        design["k_gamma_p"] * error_rad
+        + design["k_gamma_i"] * state["gamma_integral_rads"]
+        + design["k_gamma_d"] * rate_radps
+    )
+
+
+@kernel
+def _tracking_bank(design: Record, onboard: Record, state: Record, nav: Record, constant: float,
+                   dt_s: float) -> tuple[float, int]:
+    """Bank that follows the path law, with the PD of [MOOIJ18] Eq. 23, and a status."""
+    forces = state["forces"]
+    planet = onboard["planet"]
+    n = state["flow_exponent"]
+    v_mps = nav["v_rel_mps"]
+    gamma_rad = nav["flight_path_angle_rad"]
+    radius_m = planet["radius_m"] + nav["alt_m"]
+    omega_radps = planet["rotation_radps"]
+    g_mps2 = forces["gravity_mps2"]
+    h_s_m = design["scale_height_m"]
+    k_kgpm2 = onboard["vehicle"]["mass_kg"] / forces["drag_area_m2"]
+    gamma_cmd_rad, slope = path_angle_command(constant, n, v_mps, k_kgpm2, g_mps2, h_s_m)
+    state["gamma_cmd_rad"] = gamma_cmd_rad
+
+    sin_lat = math.sin(nav["lat_rad"])
+    cos_lat = math.cos(nav["lat_rad"])
+    sin_gc = math.sin(gamma_cmd_rad)
+    cos_gc = math.cos(gamma_cmd_rad)
+    sin_heading = math.sin(nav["heading_rad"])
+    cos_heading = math.cos(nav["heading_rad"])
+    # [MOOIJ18] Eq. 1 at the actual path angle, its small centrifugal term left out as in Eq. 11.
+    v_rate_mps2 = -forces["drag_mps2"] - g_mps2 * math.sin(gamma_rad)
+    # [MOOIJ18] Eq. 15
+    other_mps2 = (
+        -g_mps2 * cos_gc
+        + 2.0 * omega_radps * v_mps * cos_lat * sin_heading
+        + v_mps * v_mps / radius_m * cos_gc
+        + omega_radps * omega_radps * radius_m * cos_lat
+        * (cos_lat * cos_gc + sin_gc * sin_lat * cos_heading)
+    )
+    # [MOOIJ18] Eq. 16 with the factor V it lacks on the slope; the PID without it (as printed).
+    lift_mps2 = max(forces["lift_mps2"], LIFT_MIN_MPS2)
+    vertical_mps2 = (
+        v_mps * slope * v_rate_mps2 - other_mps2 + _gamma_correction(design, state, gamma_rad, dt_s)
+    )
+    code = status.OK
+    cos_bank = vertical_mps2 / lift_mps2
+    if not abs(cos_bank) <= 1.0:
+        code = status.SATURATED
+    bank_rad = math.acos(min(max(cos_bank, -1.0), 1.0))
+
+    present = forces["rho_kgpm3"] * math.pow(v_mps, n)
+    ratio = present / constant
+    state["constant_ratio"] = ratio
+    rate_ps = ratio * (-v_mps * math.sin(gamma_rad) / h_s_m + n * v_rate_mps2 / v_mps)
+    share = (N_HEAT_FLUX - n) / (N_HEAT_FLUX - N_LOAD)
+    k_d = design["k_flow_d_heat_flux_rads"] + share * (
+        design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
+    )
+    bank_rad += design["k_flow_p_rad"] * (ratio - 1.0) + k_d * rate_ps
+    return min(max(bank_rad, 0.0), math.pi), code
+
+
+@kernel
+def advance(design: Record, onboard: Record, atmosphere: Record, state: Record, nav: Record,
+            dt_s: float) -> int:
+    """One step of the nominal guidance: leaves its command in `state`, returns a status.
+
+    The forces are the load's model at the angle of attack commanded last.
+    """
+    v_mps = nav["v_rel_mps"]
+    forces = state["forces"]
+    alpha_rad = design["alpha_before_peak_rad"]
+    if state["phase"] != PRE_PEAK:
+        alpha_rad = design["alpha_after_peak_rad"]
+    modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
+    if v_mps < V_MIN_MPS:
+        return status.DOMAIN
+    rho_kgpm3 = forces["rho_kgpm3"]
+    drag_mps2 = forces["drag_mps2"]
+    lift_mps2 = forces["lift_mps2"]
+    state["load_factor_g"] = (
+        math.sqrt(drag_mps2 * drag_mps2 + lift_mps2 * lift_mps2) / onboard["planet"]["g0_mps2"]
+    )
+    if state["phase"] < HEAT_FLUX:
+        before = state["phase"]
+        _watch_peak(design, state, nav["heat_flux_wpm2"], rho_kgpm3 * math.pow(v_mps, N_HEAT_FLUX))
+        if before == PRE_PEAK and state["phase"] != PRE_PEAK:
+            alpha_rad = design["alpha_after_peak_rad"]
+            modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
+    state["alpha_rad"] = alpha_rad
+    if state["phase"] < HEAT_FLUX:
+        state["flow_exponent"] = N_HEAT_FLUX
+        state["bank_rad"] = design["bank_before_tracking_rad"]
+        return status.OK
+    constant = _schedule(design, state, rho_kgpm3, v_mps, dt_s)
+    bank_rad, code = _tracking_bank(design, onboard, state, nav, constant, dt_s)
+    state["bank_rad"] = bank_rad
+    return code
+
+
+@kernel
+def report(state: Record, out: Record) -> None:
+    """Command, phase and telemetry of the nominal guidance into `out`."""
+    out["bank_cmd_rad"] = state["bank_rad"]
+    out["alpha_cmd_rad"] = state["alpha_rad"]
+    out["phase"] = state["phase"]
+    out["tracking"] = 1 if state["phase"] >= HEAT_FLUX and state["released"] == 0 else 0
+    telemetry = out["telemetry"]
+    telemetry[BANK_NOMINAL] = state["bank_rad"]
+    telemetry[GAMMA_CMD] = state["gamma_cmd_rad"]
+    telemetry[FLOW_EXPONENT] = state["flow_exponent"]
+    telemetry[CONSTANT_RATIO] = state["constant_ratio"]
+
+
+@kernel
+def step(load: Record, state: Record, nav: Record, out: Record) -> int:
+    """One guidance step of law `nominal`."""
+    code = advance(load["law"], load["onboard"], load["atmosphere"], state, nav, load["guidance_dt_s"])
+    report(state, out)
+    return code

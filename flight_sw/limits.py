@@ -1,0 +1,70 @@
+"""Command limits: magnitude, rate and acceleration of bank and angle of attack."""
+
+import math
+
+from flight_sw import status
+from flight_sw.fields import Field, RecordSpec
+from flight_sw.jit import kernel
+from flight_sw.types_ import Record
+
+UNLIMITED = 1e6  # rad/s or rad/s2: no limit at any frame rate
+LIMIT_TOLERANCE_RAD = 1e-12  # round-off of (target - previous) / dt * dt
+
+AXIS_LIMITS = RecordSpec(
+    "axis_limits",
+    Field("low_rad", -math.tau, math.tau, "smallest command"),
+    Field("high_rad", -math.tau, math.tau, "largest command"),
+    Field("rate_max_radps", 1e-6, UNLIMITED, "command slew"),
+    Field("accel_max_radps2", 1e-6, UNLIMITED, "command slew change"),
+)
+
+LIMITER = RecordSpec(
+    "limiter",
+    Field("command_rad", why="last command sent"),
+    Field("rate_radps", why="slew of the last command"),
+    Field("started", kind="u4", why="0 before the first command"),
+)
+
+
+@kernel
+def limit(wanted_rad: float, dt_s: float, limits: Record, limiter: Record) -> int:
+    """Move the axis' command towards `wanted_rad` as fast as its limits allow.
+
+    Writes `limiter`; a command that is not finite holds the last one. The first command is taken
+    as it is, within magnitude.
+    """
+    if not math.isfinite(wanted_rad):
+        return status.NONFINITE
+    code = status.OK
+    target_rad = wanted_rad
+    if target_rad < limits["low_rad"]:
+        target_rad = limits["low_rad"]
+        code = status.SATURATED
+    elif target_rad > limits["high_rad"]:
+        target_rad = limits["high_rad"]
+        code = status.SATURATED
+    if limiter["started"] == 0:
+        limiter["started"] = 1
+        limiter["command_rad"] = target_rad
+        limiter["rate_radps"] = 0.0
+        return code
+
+    previous_rad = limiter["command_rad"]
+    rate_prev_radps = limiter["rate_radps"]
+    rate_radps = (target_rad - previous_rad) / dt_s
+    step_radps = limits["accel_max_radps2"] * dt_s
+    reach_radps = limits["rate_max_radps"]
+    # A finite deceleration must be able to stop at the target: v^2 / 2a of the way left.
+    brake_radps = math.sqrt(2.0 * limits["accel_max_radps2"] * abs(target_rad - previous_rad))
+    reach_radps = min(reach_radps, max(brake_radps, step_radps))
+    rate_radps = min(max(rate_radps, -reach_radps), reach_radps)
+    rate_radps = min(max(rate_radps, rate_prev_radps - step_radps), rate_prev_radps + step_radps)
+    moved_rad = previous_rad + rate_radps * dt_s
+    moved_rad = min(max(moved_rad, limits["low_rad"]), limits["high_rad"])
+    if abs(target_rad - moved_rad) > LIMIT_TOLERANCE_RAD:
+        code = status.SATURATED
+    else:
+        moved_rad = target_rad
+    limiter["command_rad"] = moved_rad
+    limiter["rate_radps"] = (moved_rad - previous_rad) / dt_s
+    return code

@@ -1,0 +1,186 @@
+"""The load: what the ground decided, as a file with a header that is believed only after checks.
+
+A load image is HEADER followed by the bytes of the law's body record. The computer's `load` record
+is that body with the codec built from the DBC at boot.
+"""
+
+import hashlib
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw import icd
+from flight_sw.atmosphere import ATMOSPHERE
+from flight_sw.can.codec import CODEC, build_codec
+from flight_sw.errors import LoadError
+from flight_sw.fields import Field, RecordSpec
+from flight_sw.guidance import MARKER, law_module
+from flight_sw.limits import AXIS_LIMITS
+from flight_sw.modes import MODE_DESIGN
+from flight_sw.onboard import ONBOARD
+from flight_sw.plausibility import GATES
+
+MAGIC = b"AEROLOAD"
+VERSION = 1
+
+HEADER = np.dtype(
+    [
+        ("magic", "S8"),
+        ("version", "<u4"),
+        ("size", "<u4"),  # bytes of the body
+        ("law", "S16"),
+        ("mission", "S32"),
+        ("layout", "S32"),  # first half of the layout hash, hexadecimal
+        ("crc32", "<u4"),  # over the header with this field zero, then the body
+        ("spare", "<u4"),
+    ]
+)
+
+TELEMETRY_MESSAGES = 8
+TELEMETRY_PREFIX = "TM_"
+
+WIRING = np.dtype(
+    [
+        ("n_messages", "u4"),
+        ("slot", "u4", (TELEMETRY_MESSAGES,)),  # messages that carry the law's telemetry
+        ("value_index", "i4", (16,)),  # of each telemetry number, -1: on no message
+    ],
+    align=True,
+)
+"""How the law's telemetry numbers reach the bus: found by name in the DBC at boot."""
+
+
+class LoadImage(NamedTuple):
+    """A checked image: whose it is, its body, and the CRC that names it."""
+
+    law: str
+    mission: str
+    crc32: int
+    body: npt.NDArray[np.void]
+
+
+def body_spec(law: str) -> RecordSpec:
+    """Fields of the body of a law's load image."""
+    return RecordSpec(
+        f"{law}.load",
+        Field(MARKER + law, 1, 1, "names the law in the record's type", kind="u4"),
+        Field("dt_s", 1e-4, 10.0, "minor frame"),
+        Field("guidance_divider", 1, 10_000, "minor frames per guidance step", kind="u4"),
+        Field("guidance_dt_s", 1e-4, 1e3, "dt_s times the divider"),
+        Field("telemetry_divider", 1, 100_000, "minor frames per law telemetry", kind="u4"),
+        Field("health_divider", 1, 100_000, "minor frames per health report", kind="u4"),
+        Field("onboard", record=ONBOARD),
+        Field("atmosphere", record=ATMOSPHERE),
+        Field("bank_limits", record=AXIS_LIMITS),
+        Field("alpha_limits", record=AXIS_LIMITS),
+        Field("modes", record=MODE_DESIGN),
+        Field("gates", record=GATES),
+        Field("law", record=law_module(law).DESIGN),
+    )
+
+
+def load_dtype(law: str) -> np.dtype[np.void]:
+    """Record type of the running computer's load: codec and wiring, then the image's body."""
+    body = body_spec(law).dtype
+    own = [("codec", CODEC), ("wiring", WIRING), ("crc32", np.dtype("u4"))]
+    return np.dtype(own + [(name, body[name]) for name in body.names or ()], align=True)
+
+
+def layout_hash(law: str) -> str:
+    """Hash of the body's exact layout and of the DBC: images of another build are refused."""
+
+    def described(dtype: np.dtype[np.void]) -> str:
+        if dtype.subdtype is not None:
+            base, shape = dtype.subdtype
+            return f"{described(base)}{shape}"
+        if dtype.fields is None:
+            return dtype.str
+        inner = ",".join(
+            f"{n}@{dtype.fields[n][1]}:{described(dtype.fields[n][0])}" for n in dtype.names or ()
+        )
+        return f"{{{inner}}}{dtype.itemsize}"
+
+    text = f"{law} {described(body_spec(law).dtype)} {icd.DBC_SHA256}"
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def image_bytes(law: str, mission: str, body: npt.NDArray[np.void]) -> bytes:
+    """The file's bytes for a body record (shape (1,)), after checking it as the computer will."""
+    body_spec(law).check(body[0], f"{law}.load")
+    header = np.zeros(1, HEADER)
+    header[0] = (
+        MAGIC, VERSION, body.nbytes, law.encode(), mission.encode()[:32],
+        layout_hash(law).encode(), 0, 0,
+    )
+    header["crc32"] = zlib.crc32(header.tobytes() + body.tobytes())
+    return header.tobytes() + body.tobytes()
+
+
+def read_image(path: Path) -> LoadImage:
+    """Read and check a load image; raises LoadError with what is wrong."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise LoadError(f"{path}: cannot be read ({error.strerror})") from error
+    return parse_image(raw, str(path))
+
+
+def parse_image(raw: bytes, where: str) -> LoadImage:
+    """Check the bytes of a load image: magic, version, CRC, law, layout, size, every value."""
+    if len(raw) < HEADER.itemsize or raw[: len(MAGIC)] != MAGIC:
+        raise LoadError(
+            f"{where}: {len(raw)} bytes that do not begin with {MAGIC.decode()}: not a load image"
+        )
+    header = np.frombuffer(raw, HEADER, 1).copy()
+    version, size = int(header["version"][0]), int(header["size"][0])
+    if version != VERSION:
+        raise LoadError(f"{where}: format version is {version}, this computer reads {VERSION}")
+    if len(raw) != HEADER.itemsize + size:
+        raise LoadError(f"{where}: {len(raw)} bytes, its header says {HEADER.itemsize + size}")
+    crc32 = int(header["crc32"][0])
+    header["crc32"] = 0
+    found = zlib.crc32(header.tobytes() + raw[HEADER.itemsize :])
+    if found != crc32:
+        raise LoadError(f"{where}: crc32 is 0x{found:08x}, its header says 0x{crc32:08x}")
+    law = header["law"][0].decode(errors="replace")
+    spec = body_spec(law)
+    layout = header["layout"][0].decode(errors="replace")
+    if layout != layout_hash(law):
+        raise LoadError(
+            f"{where}: layout is {layout}, this computer's '{law}' load has {layout_hash(law)}"
+        )
+    if size != spec.dtype.itemsize:
+        raise LoadError(f"{where}: body of {size} bytes, law '{law}' has {spec.dtype.itemsize}")
+    body = np.frombuffer(raw, spec.dtype, 1, HEADER.itemsize).copy()
+    spec.check(body[0], f"{where}: {law}")
+    return LoadImage(law, header["mission"][0].decode(errors="replace"), crc32, body)
+
+
+def _wire(load: npt.NDArray[np.void], law: str) -> None:
+    names: tuple[str, ...] = law_module(law).TELEMETRY
+    wiring = load["wiring"][0]
+    wiring["value_index"] = -1
+    slots = []
+    for slot, message in enumerate(icd.MESSAGES):
+        signals = icd.signal_names(message)
+        if message.startswith(TELEMETRY_PREFIX) and set(signals) <= set(names):
+            slots.append(slot)
+            for signal in signals:
+                wiring["value_index"][names.index(signal)] = icd.value_index(message, signal)
+    wiring["n_messages"] = len(slots)
+    wiring["slot"][: len(slots)] = slots
+
+
+def activate(image: LoadImage) -> npt.NDArray[np.void]:
+    """The read-only load record, shape (1,), that the minor frame takes."""
+    load = np.zeros(1, load_dtype(image.law))
+    load["codec"] = build_codec()
+    load["crc32"] = image.crc32
+    for name in image.body.dtype.names or ():
+        load[name] = image.body[name]
+    _wire(load, image.law)
+    load.setflags(write=False)
+    return load
