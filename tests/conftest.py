@@ -63,7 +63,7 @@ def fresh_compile() -> Callable[..., Any]:
     """
 
     def compile_copy(kernel: Any, *args: Any) -> Any:
-        copy = numba.njit(kernel.py_func, **kernel.targetoptions)
+        copy = numba.jit(kernel.py_func, **kernel.targetoptions)
         copy.compile(tuple(numba.typeof(arg) for arg in args))
         return copy
 
