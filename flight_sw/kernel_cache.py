@@ -30,4 +30,6 @@ def _locked(save: Callable[..., None]) -> Callable[..., None]:
 def serialise_saves() -> None:
     """From here on this process saves compiled kernels one process at a time; once is enough."""
     if not hasattr(IndexDataCacheFile.save, "__wrapped__"):
-        IndexDataCacheFile.save = _locked(IndexDataCacheFile.save)
+        IndexDataCacheFile.save = _locked(  # type: ignore[method-assign]
+            IndexDataCacheFile.save
+        )
