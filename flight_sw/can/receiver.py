@@ -1,0 +1,186 @@
+"""Judges received frames: known, ours, whole, unharmed, in range, in sequence.
+
+`judge` looks at a frame and changes nothing but the caller's scratch vector of values; then the
+caller either takes the frame (`accept`) or counts why not (`refuse`). So it can still refuse what
+no vehicle could have sent before the sequence moves on.
+
+The sequence is that of AUTOSAR E2E profile 2: the next counter is expected, a jump of up to
+DELTA_MAX is taken as frames lost, and each period without a frame widens the window by one. After
+SILENCE_PERIODS nothing is left to compare with, and any counter is taken. Unlike in AUTOSAR, a
+frame outside the window does not move it: a stream that jumped is believed again after the silence.
+"""
+
+import numpy as np
+
+from flight_sw.can.codec import NO_SLOT, in_range, unpack
+from flight_sw.can.e2e import counter_of, crc_ok
+from flight_sw.dictionary import CAN_ID_MASK
+from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, value_index
+from flight_sw.jit import kernel
+from flight_sw.types_ import F8, Record
+
+OK = 0
+LOST = 1  # accepted, but frames before it are missing
+REPEATED = 2
+WRONG_SEQUENCE = 3
+WRONG_CRC = 4
+WRONG_LENGTH = 5
+OUT_OF_RANGE = 6
+UNKNOWN_ID = 7
+IMPLAUSIBLE = 8  # the caller's verdict: no vehicle could have sent it
+FOREIGN = 9  # carries an identifier that only the receiver itself sends
+VERDICTS = (
+    "OK",
+    "LOST",
+    "REPEATED",
+    "WRONG_SEQUENCE",
+    "WRONG_CRC",
+    "WRONG_LENGTH",
+    "OUT_OF_RANGE",
+    "UNKNOWN_ID",
+    "IMPLAUSIBLE",
+    "FOREIGN",
+)
+N_VERDICTS = len(VERDICTS)
+
+DELTA_MAX = 3  # counter steps taken as lost frames rather than as another stream
+SILENCE_PERIODS = COUNTER_VALUES - 1  # by then every counter lies in the window
+AGE_MAX_CYCLES = 1 << 30  # ages stop here
+
+RX_STATE = np.dtype(
+    [
+        ("counted", "i8", (N_VERDICTS,)),  # frames by verdict
+        ("lost_frames", "i8"),  # missing before accepted ones
+        ("sender", "u4"),  # number in icd.NODES of the side that is listened to
+        ("counter", "u1", (N_MESSAGES,)),  # of the last accepted frame
+        ("received", "u1", (N_MESSAGES,)),  # 1 once a frame was accepted
+        ("age_cycles", "i4", (N_MESSAGES,)),  # since the last accepted frame
+    ],
+    align=True,
+)
+"""A receiver's memory. All zero: listens to the harness and has heard nothing."""
+
+HEALTH_WRONG_CRC = value_index("RX_HEALTH_A", "wrong_crc")
+HEALTH_REPEATED = value_index("RX_HEALTH_A", "repeated")
+HEALTH_WRONG_SEQUENCE = value_index("RX_HEALTH_A", "wrong_sequence")
+HEALTH_WRONG_LENGTH = value_index("RX_HEALTH_A", "wrong_length")
+HEALTH_OUT_OF_RANGE = value_index("RX_HEALTH_B", "out_of_range")
+HEALTH_IMPLAUSIBLE = value_index("RX_HEALTH_B", "implausible")
+HEALTH_UNKNOWN_ID = value_index("RX_HEALTH_B", "unknown_id")
+HEALTH_INCOMPLETE_SETS = value_index("RX_HEALTH_B", "incomplete_sets")
+HEALTH_LOST = value_index("RX_HEALTH_C", "lost")
+HEALTH_FOREIGN = value_index("RX_HEALTH_C", "foreign")
+COUNT_13_BITS = 0x1FFF
+COUNT_16_BITS = 0xFFFF
+
+
+@kernel
+def is_valid(verdict: int) -> bool:
+    """Whether a frame with this verdict may be used."""
+    return verdict == OK or verdict == LOST
+
+
+@kernel
+def slot_of(codec: Record, can_id: np.uint32) -> int:
+    """The message with this identifier, NO_SLOT if there is none or a flag bit is set."""
+    identifier = np.int64(can_id)
+    if identifier > CAN_ID_MASK:
+        return NO_SLOT
+    return np.int64(codec["slot_of_id"][identifier])
+
+
+@kernel
+def sequence_verdict(codec: Record, rx_state: Record, slot: int, counter: int) -> int:
+    """OK, LOST, REPEATED or WRONG_SEQUENCE."""
+    missed = max(rx_state["age_cycles"][slot] - 1, 0) // codec["period_cycles"][slot]
+    if rx_state["received"][slot] == 0 or missed >= SILENCE_PERIODS:
+        return OK
+    delta = (counter - np.int64(rx_state["counter"][slot])) % COUNTER_VALUES
+    if delta == 1:
+        return OK
+    if delta == 0:
+        return REPEATED
+    if delta <= DELTA_MAX + missed:
+        return LOST
+    return WRONG_SEQUENCE
+
+
+@kernel
+def judge(codec: Record, rx_state: Record, frame: Record, values: F8) -> tuple[int, int]:
+    """Slot and verdict of a frame; `values` gets its signals if the verdict is a valid one."""
+    slot = slot_of(codec, frame["can_id"])
+    if slot == NO_SLOT:
+        return slot, UNKNOWN_ID
+    if codec["sender"][slot] != rx_state["sender"]:
+        return slot, FOREIGN
+    if frame["dlc"] != codec["dlc"][slot]:
+        return slot, WRONG_LENGTH
+    word = frame["data"]
+    if not crc_ok(codec, slot, word):
+        return slot, WRONG_CRC
+    verdict = sequence_verdict(codec, rx_state, slot, counter_of(word))
+    if not is_valid(verdict):
+        return slot, verdict if in_range(codec, slot, word) else OUT_OF_RANGE
+    if unpack(codec, slot, word, values) != 0:
+        return slot, OUT_OF_RANGE
+    return slot, verdict
+
+
+@kernel
+def accept(rx_state: Record, slot: int, counter: int, verdict: int) -> None:
+    """Move the message's sequence on to `counter` and count the frame."""
+    if verdict == LOST:
+        delta = (counter - np.int64(rx_state["counter"][slot])) % COUNTER_VALUES
+        rx_state["lost_frames"] += delta - 1
+    rx_state["counter"][slot] = counter
+    rx_state["received"][slot] = 1
+    rx_state["age_cycles"][slot] = 0
+    rx_state["counted"][verdict] += 1
+
+
+@kernel
+def refuse(rx_state: Record, verdict: int) -> None:
+    """Count a frame that is not used."""
+    rx_state["counted"][verdict] += 1
+
+
+@kernel
+def receiver_tick(rx_state: Record) -> None:
+    """Age all messages by one cycle."""
+    age = rx_state["age_cycles"]
+    for slot in range(N_MESSAGES):
+        if age[slot] < AGE_MAX_CYCLES:
+            age[slot] += 1
+
+
+@kernel
+def receiver_reset(rx_state: Record) -> None:
+    """Forget every sequence; what was counted stays."""
+    for slot in range(N_MESSAGES):
+        rx_state["received"][slot] = 0
+        rx_state["age_cycles"][slot] = 0
+
+
+@kernel
+def rejected(rx_state: Record) -> int:
+    """Frames refused so far, whatever for."""
+    total = np.int64(0)
+    for verdict in range(REPEATED, N_VERDICTS):
+        total += rx_state["counted"][verdict]
+    return total
+
+
+@kernel
+def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
+    """The RX_HEALTH signals; a counter stays at the most that its signal carries."""
+    counted = rx_state["counted"]
+    values[HEALTH_WRONG_CRC] = min(counted[WRONG_CRC], COUNT_13_BITS)
+    values[HEALTH_REPEATED] = min(counted[REPEATED], COUNT_13_BITS)
+    values[HEALTH_WRONG_SEQUENCE] = min(counted[WRONG_SEQUENCE], COUNT_13_BITS)
+    values[HEALTH_WRONG_LENGTH] = min(counted[WRONG_LENGTH], COUNT_13_BITS)
+    values[HEALTH_OUT_OF_RANGE] = min(counted[OUT_OF_RANGE], COUNT_13_BITS)
+    values[HEALTH_IMPLAUSIBLE] = min(counted[IMPLAUSIBLE], COUNT_13_BITS)
+    values[HEALTH_UNKNOWN_ID] = min(counted[UNKNOWN_ID], COUNT_13_BITS)
+    values[HEALTH_INCOMPLETE_SETS] = min(incomplete_sets, COUNT_13_BITS)
+    values[HEALTH_LOST] = min(rx_state["lost_frames"], COUNT_16_BITS)
+    values[HEALTH_FOREIGN] = min(counted[FOREIGN], COUNT_16_BITS)
