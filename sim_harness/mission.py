@@ -1,0 +1,216 @@
+"""Missions: loading a shipped one or a file of one's own, with overrides, and its records."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from flight_sw.errors import MissionError
+from sim_harness.mission_errors import chosen, nearest, sections_of, sentence
+from sim_harness.mission_keys import (
+    Actuators,
+    End,
+    Entry,
+    ExponentialAtmosphere,
+    Guidance,
+    Heating,
+    Limits,
+    Navigation,
+    Planet,
+    Section,
+    TableAtmosphere,
+    Text,
+    Us76Atmosphere,
+    Vehicle,
+    is_name,
+    refusal,
+)
+
+SHIPPED = Path(__file__).parent / "missions"
+GAINS = Path(__file__).parents[1] / "gains"
+SUFFIX = ".toml"
+
+
+class Mission(Section):
+    """A mission as its file states it, in the file's units; `world` and `truth` are in SI."""
+
+    name: Annotated[
+        str, Text("short name, used for folders", "lower-case letters, digits, . _ -", is_name)
+    ]
+    title: Annotated[str, Text("one line that `aeroshell missions` shows", "a text")]
+    source: Annotated[str, Text("where the numbers come from")] = ""
+    planet: Planet
+    atmosphere: Annotated[
+        ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
+    ]
+    vehicle: Vehicle
+    heating: Heating
+    entry: Entry
+    limits: Limits
+    end: End = End()
+    actuators: Actuators = Actuators()
+    navigation: Navigation = Navigation()
+    guidance: Guidance
+
+    _path: Path = PrivateAttr(default=Path("mission.toml"))
+
+    @model_validator(mode="after")
+    def starts_in_flight(self) -> Self:
+        """The entry state does not meet the end condition, and lies within the stops."""
+        if not self.entry.altitude_km > self.end.altitude_km:
+            raise refusal(
+                f"end.altitude_km is {self.end.altitude_km}, "
+                f"allowed below entry.altitude_km {self.entry.altitude_km}"
+            )
+        for axis, angle in (("bank", "bank_deg"), ("alpha", "angle_of_attack_deg")):
+            stops = getattr(self.actuators, axis)
+            value = getattr(self.entry, angle)
+            if not stops.low_deg <= value <= stops.high_deg:
+                raise refusal(
+                    f"entry.{angle} is {value}, allowed {stops.low_deg} to {stops.high_deg} deg "
+                    f"by actuators.{axis}"
+                )
+        return self
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
+
+    @property
+    def dt_s(self) -> float:
+        """A minor frame."""
+        return 1.0 / self.guidance.rate_hz
+
+    @property
+    def gains_folder(self) -> Path:
+        """Folder of design and load images: named in the file, or shipped under the mission's name."""
+        if self.guidance.gains is not None:
+            return self._path.parent / self.guidance.gains
+        return GAINS / self.name
+
+    def world(self) -> np.ndarray:
+        """The WORLD record, shape (1,), read-only."""
+        from sim_harness.assembly import world_record
+
+        return world_record(self)
+
+    def truth(self) -> np.ndarray:
+        """The TRUTH record at entry, shape (1,), derived fields filled."""
+        from sim_harness.assembly import truth_record
+
+        return truth_record(self)
+
+
+class Shipped(NamedTuple):
+    """A mission that comes with the package."""
+
+    name: str
+    title: str
+    path: Path
+
+
+def list_missions() -> list[Shipped]:
+    """The shipped missions by name."""
+    found = []
+    for path in sorted(SHIPPED.glob(f"*{SUFFIX}")):
+        found.append(Shipped(path.stem, str(read_toml(path).get("title", "")), path))
+    return found
+
+
+def load_mission(
+    name_or_path: str | Path, overrides: Mapping[str, float | str] | None = None
+) -> Mission:
+    """A shipped mission by name, or one's own by the path of its TOML file."""
+    path = find(name_or_path)
+    raw = read_toml(path)
+    label = path.name
+    if overrides:
+        apply(raw, overrides)
+        label = f"{path.name} with overrides"
+    try:
+        mission = Mission.model_validate(raw)
+    except ValidationError as error:
+        lines = [f"{label}: {sentence(Mission, raw, e)}" for e in error.errors()]
+        raise MissionError("\n".join(lines)) from None
+    mission._path = path
+    mission.world()  # reads what the mission refers to, and refuses what cannot be flown
+    return mission
+
+
+def find(name_or_path: str | Path) -> Path:
+    """The file of a shipped mission or of a path."""
+    text = str(name_or_path)
+    if text.endswith(SUFFIX) or "/" in text:
+        path = Path(text)
+        if not path.is_file():
+            raise MissionError(f"mission file {text} does not exist or is not a file")
+        return path
+    path = SHIPPED / f"{text}{SUFFIX}"
+    if not is_name(text) or not path.is_file():
+        names = [p.stem for p in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
+        raise MissionError(
+            f'mission "{text}" is not shipped{nearest(text, names)}; '
+            f"allowed {', '.join(names)} or the path of a {SUFFIX} file"
+        )
+    return path
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The file as nested dictionaries."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise MissionError(f"{path.name}: is not TOML: {error}") from None
+    except UnicodeDecodeError as error:
+        raise MissionError(f"{path.name}: is not UTF-8 text at byte {error.start}") from None
+    except OSError as error:
+        raise MissionError(f"{path.name}: cannot be read: {error.strerror}") from None
+
+
+def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
+    """Dotted names of all keys that take one value, given the models the file selects."""
+    keys: list[str] = []
+    for key, field in section.model_fields.items():
+        dotted = prefix + key
+        below = raw.get(key) if isinstance(raw, dict) else None
+        if not sections_of(field.annotation):
+            keys.append(dotted)
+        elif (inner := chosen(field.annotation, below)) is not None:
+            keys.extend(leaf_keys(inner, below, f"{dotted}."))
+    return keys
+
+
+def value_of(text: float | str) -> float | str:
+    """An override's number where it reads as one, else its text."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def resolve(key: str, known: list[str]) -> str:
+    """The dotted key an override means."""
+    if key in known:
+        return key
+    matches = [name for name in known if name.endswith(f".{key}")]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise MissionError(f"{key} is ambiguous, allowed {', '.join(matches)}")
+    raise MissionError(
+        f"{key} is not a mission key{nearest(key, known)}; allowed {', '.join(known)}"
+    )
+
+
+def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:
+    """Writes overrides into what the file said; models first, since they decide which keys exist."""
+    for key in sorted(overrides, key=lambda k: k.rsplit(".", 1)[-1] != "model"):
+        *parents, leaf = resolve(key, leaf_keys(Mission, raw)).split(".")
+        table = raw
+        for parent in parents:
+            table = table.setdefault(parent, {})
+        table[leaf] = value_of(overrides[key])

@@ -1,0 +1,390 @@
+"""What a mission file may say: every key with its unit, range, default and meaning.
+
+docs/missions.md is generated from these classes. A quantity refuses NaN, text and values outside
+its range; infinity only passes where the range ends in it.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from sim_harness.world.records import AERO_TABLE_MAX
+
+INF = math.inf
+NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
+
+
+def refusal(text: str) -> PydanticCustomError:
+    """An error whose text continues the sentence `file: key ...`."""
+    return PydanticCustomError("refused", "{text}", {"text": text})
+
+
+def plain(value: object) -> str:
+    """A value as the mission file would show it."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return str(value)
+
+
+def is_number(value: object) -> bool:
+    """True for what TOML calls an integer or a float."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Unit, allowed range and meaning of a number in a mission file."""
+
+    unit: str
+    low: float
+    high: float
+    meaning: str
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        return f"{self.low:.12g} to {self.high:.12g}{unit}"
+
+    def check(self, value: object) -> float:
+        """The value as a float, or a refusal."""
+        if not is_number(value) or not self.low <= float(value) <= self.high:  # type: ignore[arg-type]
+            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
+        return float(value)  # type: ignore[arg-type]
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+
+@dataclass(frozen=True)
+class Series(Quantity):
+    """A list of numbers, each in range; strictly ascending if it is a grid."""
+
+    length_max: int = 512
+    length_min: int = 1
+    ascending: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """Range of each number and of their count."""
+        order = ", strictly ascending" if self.ascending else ""
+        counts = f"{self.length_min} to {self.length_max}"
+        return f"a list of {counts} numbers, each {super().allowed}{order}"
+
+    def check_list(self, value: object) -> tuple[float, ...]:
+        """The values as floats, or a refusal that names the first bad one."""
+        if not isinstance(value, list | tuple):
+            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
+        if not self.length_min <= len(value) <= self.length_max:
+            raise refusal(f"has {len(value)} values, allowed {self.allowed}")
+        for i, item in enumerate(value):
+            if not is_number(item) or not self.low <= float(item) <= self.high:
+                raise refusal(f"value {i + 1} is {plain(item)}, allowed {self.allowed}")
+            if self.ascending and i > 0 and not item > value[i - 1]:
+                raise refusal(f"value {i + 1} is {plain(item)}, allowed above {value[i - 1]}")
+        return tuple(float(item) for item in value)
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check_list)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text with a test of its form."""
+
+    meaning: str
+    allowed: str = "a text"
+    fits: Callable[[str], bool] = bool
+
+    def check(self, value: object) -> str:
+        """The text, or a refusal."""
+        if not isinstance(value, str) or not self.fits(value):
+            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
+        return value
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+
+def is_name(text: str) -> bool:
+    """True for what can name a mission, a law or a folder."""
+    return NAME_PATTERN.fullmatch(text) is not None
+
+
+class Section(BaseModel):
+    """A table of the mission file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Planet(Section):
+    """The planet and its rotation."""
+
+    radius_km: Annotated[
+        float, Quantity("km", 100.0, 1e6, "sphere that altitude, ground range and J2 refer to")
+    ]
+    mu_m3ps2: Annotated[float, Quantity("m3/s2", 1e9, 1e18, "gravitational parameter")]
+    rotation_radps: Annotated[
+        float, Quantity("rad/s", -1e-2, 1e-2, "rotation, positive eastwards; the air turns with it")
+    ]
+    j2: Annotated[float, Quantity("-", 0.0, 0.1, "oblateness of the field; 0 switches it off")] = (
+        0.0
+    )
+    g0_mps2: Annotated[float, Quantity("m/s2", 0.1, 100.0, "unit of the load factor")] = 9.80665
+
+
+class ExponentialAtmosphere(Section):
+    """Density falls by 1/e every scale height."""
+
+    model: Literal["exponential"]
+    density_ref_kgpm3: Annotated[float, Quantity("kg/m3", 1e-12, 1e3, "density at altitude 0")]
+    scale_height_m: Annotated[float, Quantity("m", 100.0, 1e5, "scale height")]
+    sound_speed_mps: Annotated[
+        float, Quantity("m/s", 10.0, 5000.0, "speed of sound at all altitudes")
+    ]
+
+
+class Us76Atmosphere(Section):
+    """U.S. Standard Atmosphere 1976 to 1,000 km; above 86 km the speed of sound is held."""
+
+    model: Literal["us76"]
+
+
+class TableAtmosphere(Section):
+    """A table of one's own: in the mission file, or a CSV file with the same names as header."""
+
+    model: Literal["table"]
+    csv: Annotated[
+        str | None, Text("path relative to the mission file, instead of the lists", "a path")
+    ] = None
+    altitude_km: Annotated[
+        tuple[float, ...] | None,
+        Series("km", -50.0, 1e5, "altitude of each row", 512, 2, ascending=True),
+    ] = None
+    density_kgpm3: Annotated[
+        tuple[float, ...] | None, Series("kg/m3", 1e-30, 1e3, "density of each row", 512, 2)
+    ] = None
+    sound_speed_mps: Annotated[
+        tuple[float, ...] | None,
+        Series("m/s", 10.0, 1e4, "speed of sound of each row, or else temperature_k", 512, 2),
+    ] = None
+    temperature_k: Annotated[
+        tuple[float, ...] | None, Series("K", 1.0, 1e5, "temperature of each row", 512, 2)
+    ] = None
+    gas_constant_jpkgk: Annotated[
+        float, Quantity("J/(kg K)", 10.0, 1e4, "of the gas, used with temperature_k")
+    ] = 287.05287
+    heat_capacity_ratio: Annotated[
+        float, Quantity("-", 1.01, 1.67, "of the gas, used with temperature_k")
+    ] = 1.4
+
+    @model_validator(mode="after")
+    def is_complete(self) -> Self:
+        """Either a CSV file or lists of one length."""
+        if self.csv is not None:
+            return self
+        if self.altitude_km is None or self.density_kgpm3 is None:
+            raise refusal("has no rows, allowed csv or altitude_km and density_kgpm3")
+        if (self.sound_speed_mps is None) == (self.temperature_k is None):
+            raise refusal("has no or two thermal columns, allowed sound_speed_mps or temperature_k")
+        thermal = self.sound_speed_mps or self.temperature_k or ()
+        lengths = {len(self.altitude_km), len(self.density_kgpm3), len(thermal)}
+        if len(lengths) > 1:
+            raise refusal(f"has lists of {sorted(lengths)} values, allowed lists of one length")
+        return self
+
+
+class ConstantAerodynamics(Section):
+    """The same coefficients at every angle of attack and Mach number."""
+
+    model: Literal["constant"]
+    lift_coefficient: Annotated[float, Quantity("-", -100.0, 100.0, "C_L, negative: lift down")]
+    drag_coefficient: Annotated[float, Quantity("-", 0.0, 100.0, "C_D")]
+
+
+class NewtonianAerodynamics(Section):
+    """C_N = n1 s^2 + n2 s c and C_A = a1 c^2 + a2 s^2 with s, c = sin, cos of the angle of attack."""
+
+    model: Literal["newtonian"]
+    n1: Annotated[float, Quantity("-", -100.0, 100.0, "normal force, sin^2 term")]
+    n2: Annotated[float, Quantity("-", -100.0, 100.0, "normal force, sin cos term")]
+    a1: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, cos^2 term")]
+    a2: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, sin^2 term")]
+
+
+def coefficient_rows(low: float, what: str) -> Series:
+    """A table of coefficients, one list per angle of attack."""
+    return Rows("-", low, 100.0, f"{what}, a list per angle of attack, a value per Mach number")
+
+
+@dataclass(frozen=True)
+class Rows(Series):
+    """A list of lists of numbers."""
+
+    def check_rows(self, value: object) -> tuple[tuple[float, ...], ...]:
+        """The rows, or a refusal."""
+        rows = Series(self.unit, self.low, self.high, self.meaning, AERO_TABLE_MAX)
+        if not isinstance(value, list | tuple) or not all(
+            isinstance(r, list | tuple) for r in value
+        ):
+            raise refusal("is not a list of lists, allowed a list per angle of attack")
+        return tuple(rows.check_list(row) for row in value)
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check_rows)
+
+
+class TableAerodynamics(Section):
+    """Coefficients against angle of attack and Mach, bilinear, held at the edges."""
+
+    model: Literal["table"]
+    angle_of_attack_deg: Annotated[
+        tuple[float, ...],
+        Series("deg", -180.0, 180.0, "of the rows", AERO_TABLE_MAX, ascending=True),
+    ]
+    mach: Annotated[
+        tuple[float, ...],
+        Series("-", 0.0, 1000.0, "of the columns", AERO_TABLE_MAX, ascending=True),
+    ]
+    lift_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows(-100.0, "C_L")]
+    drag_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows(0.0, "C_D")]
+
+    @model_validator(mode="after")
+    def is_rectangular(self) -> Self:
+        """One row per angle of attack, one value per Mach number."""
+        wanted = (len(self.angle_of_attack_deg), len(self.mach))
+        for key in ("lift_coefficient", "drag_coefficient"):
+            rows = getattr(self, key)
+            if len(rows) != wanted[0] or any(len(row) != wanted[1] for row in rows):
+                lengths = sorted({len(row) for row in rows})
+                raise refusal(
+                    f"{key} has {len(rows)} rows of {lengths} values, "
+                    f"allowed {wanted[0]} rows of {wanted[1]}"
+                )
+        return self
+
+
+class Vehicle(Section):
+    """Mass and aerodynamics."""
+
+    mass_kg: Annotated[float, Quantity("kg", 1e-3, 1e7, "mass at entry")]
+    reference_area_m2: Annotated[
+        float, Quantity("m2", 1e-6, 1e5, "area that the coefficients refer to")
+    ]
+    aerodynamics: Annotated[
+        ConstantAerodynamics | NewtonianAerodynamics | TableAerodynamics,
+        Field(discriminator="model"),
+    ]
+
+
+class Heating(Section):
+    """Heat flux = coefficient / sqrt(nose radius) (rho/density_ref)^a (V/speed_ref)^b in W/m2."""
+
+    coefficient: Annotated[
+        float, Quantity("W/m^1.5", 0.0, 1e15, "in front; with references of 1 in SI units")
+    ]
+    nose_radius_m: Annotated[float, Quantity("m", 1e-4, 1e3, "nose radius")]
+    density_ref_kgpm3: Annotated[float, Quantity("kg/m3", 1e-6, 1e3, "reference density")] = 1.0
+    speed_ref_mps: Annotated[float, Quantity("m/s", 1.0, 1e5, "reference speed")] = 1.0
+    density_exponent: Annotated[float, Quantity("-", 0.1, 2.0, "a")] = 0.5
+    speed_exponent: Annotated[float, Quantity("-", 1.0, 10.0, "b")] = 3.0
+
+
+class Entry(Section):
+    """State at time zero."""
+
+    frame: Literal["relative", "inertial"] = "relative"
+    altitude_km: Annotated[float, Quantity("km", 1.0, 1000.0, "above the sphere of radius_km")]
+    longitude_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "positive to the east")]
+    latitude_deg: Annotated[float, Quantity("deg", -90.0, 90.0, "geocentric")]
+    speed_mps: Annotated[float, Quantity("m/s", 10.0, 50000.0, "in the frame named")]
+    flight_path_angle_deg: Annotated[
+        float, Quantity("deg", -90.0, 0.0, "of that velocity, positive up")
+    ]
+    heading_deg: Annotated[
+        float, Quantity("deg", -360.0, 360.0, "of that velocity, from north to the east")
+    ]
+    bank_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "positive: lift to the right")] = 0.0
+    angle_of_attack_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "angle of attack")] = 0.0
+
+
+class Limits(Section):
+    """Path constraints: what guidance is asked to keep and the summary judges."""
+
+    heat_flux_max_kwpm2: Annotated[float, Quantity("kW/m2", 1.0, 1e6, "stagnation point")]
+    load_factor_max_g: Annotated[float, Quantity("g", 0.1, 1000.0, "in units of g0_mps2")]
+    dynamic_pressure_max_kpa: Annotated[float, Quantity("kPa", 0.01, INF, "inf: none")] = INF
+
+
+class End(Section):
+    """The flight ends with whichever comes first; it always ends on the ground."""
+
+    speed_mps: Annotated[
+        float, Quantity("m/s", 0.0, 50000.0, "relative speed at or below; 0: never")
+    ] = 0.0
+    altitude_km: Annotated[
+        float, Quantity("km", -INF, 1000.0, "altitude at or below; -inf: never")
+    ] = -INF
+    time_max_s: Annotated[float, Quantity("s", 0.02, 1e6, "time after entry: timed out")] = 10000.0
+
+
+class Axis(Section):
+    """How an attitude angle follows its command; the defaults follow at once."""
+
+    lag_s: Annotated[float, Quantity("s", 0.0, 1000.0, "first-order lag; 0: none")] = 0.0
+    rate_max_degps: Annotated[float, Quantity("deg/s", 1e-3, INF, "inf: no limit")] = INF
+    accel_max_degps2: Annotated[float, Quantity("deg/s2", 1e-3, INF, "inf: no limit")] = INF
+    low_deg: Annotated[float, Quantity("deg", -INF, INF, "lower stop")] = -180.0
+    high_deg: Annotated[
+        float, Quantity("deg", -INF, INF, "upper stop; a full turn apart: turns freely")
+    ] = 180.0
+
+    @model_validator(mode="after")
+    def is_ordered(self) -> Self:
+        """The lower stop lies below the upper one."""
+        if not self.low_deg < self.high_deg:
+            raise refusal(
+                f"low_deg is {plain(self.low_deg)}, allowed below high_deg {self.high_deg}"
+            )
+        return self
+
+
+class Actuators(Section):
+    """Bank and angle of attack."""
+
+    bank: Axis = Axis()
+    alpha: Axis = Axis()
+
+
+class Navigation(Section):
+    """What navigation reports."""
+
+    model: Literal["exact"] = "exact"
+
+
+class Guidance(Section):
+    """The law that flies by default, and where its load images are."""
+
+    law: Annotated[str, Text("law flown unless another is asked for", "a name", is_name)]
+    gains: Annotated[
+        str | None,
+        Text("folder of design and load images, relative to the mission file", "a path"),
+    ] = None
+    rate_hz: Annotated[
+        float, Quantity("Hz", 1.0, 1000.0, "minor frames a second, and integration steps")
+    ] = 50.0

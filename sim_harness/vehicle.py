@@ -1,0 +1,133 @@
+"""The vehicle between two frames: actuators, motion, and what a sensor would see at the end.
+
+An ideal axis flies its command over the whole frame. Any other moves linearly within the frame, and
+the forces take the angle of mid-frame, which keeps the step second order in the attitude.
+"""
+
+import math
+
+from flight_sw.atmosphere import density, sound_speed
+from flight_sw.types_ import Record
+from sim_harness.actuators import follow, is_ideal
+from sim_harness.jit import kernel
+from sim_harness.world.aerodynamics import areas
+from sim_harness.world.heating import heat_flux
+from sim_harness.world.motion import aero_accelerations, step, wrapped
+from sim_harness.world.planet.gravity import haversine_m, jacobi_energy
+from sim_harness.world.records import (
+    END_CONDITION,
+    FLYING,
+    GROUND,
+    NUMERICAL,
+    SKIPPED_OUT,
+    TIME_OUT,
+)
+
+
+@kernel
+def hold(world: Record, truth: Record, bank_rad: float, alpha_rad: float) -> None:
+    """Fixes the attitude the forces are computed with."""
+    aero = world["aerodynamics"]
+    mach = truth["v_rel_mps"] / sound_speed(world["atmosphere"], truth["alt_m"])
+    lift_area_m2, drag_area_m2 = areas(aero, alpha_rad, mach)
+    held = truth["held"]
+    held["cos_bank"] = math.cos(bank_rad)
+    held["sin_bank"] = math.sin(bank_rad)
+    held["alpha_rad"] = alpha_rad
+    held["lift_area_m2"] = lift_area_m2
+    held["drag_area_m2"] = drag_area_m2
+
+
+@kernel
+def turn(world: Record, truth: Record, bank_cmd_rad: float, alpha_cmd_rad: float) -> None:
+    """Moves both axes by a frame and holds the attitude of its middle."""
+    dt = world["dt_s"]
+    bank = truth["bank_rad"]
+    alpha = truth["alpha_rad"]
+    bank_to, bank_rate = follow(world["bank"], bank, truth["bank_rate_radps"], bank_cmd_rad, dt)
+    alpha_to, alpha_rate = follow(
+        world["alpha"], alpha, truth["alpha_rate_radps"], alpha_cmd_rad, dt
+    )
+    bank_flown = bank_to
+    alpha_flown = alpha_to
+    if not is_ideal(world["bank"]):
+        bank_flown = bank + 0.5 * wrapped(bank_to - bank)
+    if not is_ideal(world["alpha"]):
+        alpha_flown = alpha + 0.5 * wrapped(alpha_to - alpha)
+    hold(world, truth, bank_flown, alpha_flown)
+    truth["bank_rad"] = bank_to
+    truth["bank_rate_radps"] = bank_rate
+    truth["alpha_rad"] = alpha_to
+    truth["alpha_rate_radps"] = alpha_rate
+
+
+@kernel
+def outputs(world: Record, truth: Record) -> None:
+    """Fills what follows from the state: forces, air data, loads, energies and their peaks."""
+    planet = world["planet"]
+    alt = truth["alt_m"]
+    v = truth["v_rel_mps"]
+    radius = planet["radius_m"] + alt
+    rho = density(world["atmosphere"], alt)
+    lift, drag = aero_accelerations(world, truth["held"], alt, v, rho)
+    flux = heat_flux(world["heating"], rho, v)
+    load_factor = math.sqrt(lift * lift + drag * drag) / planet["g0_mps2"]
+    pressure = 0.5 * rho * v * v
+    s_lat = math.sin(truth["lat_rad"])
+    c_lat = math.cos(truth["lat_rad"])
+    truth["lift_mps2"] = lift
+    truth["drag_mps2"] = drag
+    truth["rho_kgpm3"] = rho
+    truth["mach"] = v / sound_speed(world["atmosphere"], alt)
+    truth["dynamic_pressure_pa"] = pressure
+    truth["heat_flux_wpm2"] = flux
+    truth["load_factor_g"] = load_factor
+    truth["energy_jpkg"] = 0.5 * v * v - planet["mu_m3ps2"] / radius
+    truth["jacobi_energy_jpkg"] = jacobi_energy(planet, radius, s_lat, c_lat, v)
+    truth["heat_flux_max_wpm2"] = max(truth["heat_flux_max_wpm2"], flux)
+    truth["load_factor_max_g"] = max(truth["load_factor_max_g"], load_factor)
+    truth["dynamic_pressure_max_pa"] = max(truth["dynamic_pressure_max_pa"], pressure)
+
+
+@kernel
+def advance(world: Record, truth: Record, bank_cmd_rad: float, alpha_cmd_rad: float) -> None:
+    """One minor frame: actuators, motion with heat load, ground range, outputs."""
+    lon = truth["lon_rad"]
+    lat = truth["lat_rad"]
+    turn(world, truth, bank_cmd_rad, alpha_cmd_rad)
+    step(world, truth)
+    truth["ground_range_m"] += haversine_m(
+        world["planet"]["radius_m"], lon, lat, truth["lon_rad"], truth["lat_rad"]
+    )
+    truth["minor_frames"] += 1
+    truth["t_s"] = truth["minor_frames"] * world["dt_s"]
+    hold(world, truth, truth["bank_rad"], truth["alpha_rad"])
+    outputs(world, truth)
+
+
+@kernel
+def start(world: Record, truth: Record) -> None:
+    """Fills the derived fields of an initial state."""
+    hold(world, truth, truth["bank_rad"], truth["alpha_rad"])
+    outputs(world, truth)
+
+
+@kernel
+def ended(world: Record, truth: Record) -> int:
+    """Outcome so far, records.FLYING while the flight goes on."""
+    end = world["end"]
+    alt = truth["alt_m"]
+    v = truth["v_rel_mps"]
+    direction = truth["flight_path_angle_rad"] + truth["heading_rad"]
+    place = truth["lon_rad"] + truth["lat_rad"]
+    if not (math.isfinite(alt + v) and math.isfinite(direction + place)):
+        return NUMERICAL
+    if v <= end["speed_mps"] or alt <= end["alt_m"]:
+        return END_CONDITION
+    if alt <= 0.0:
+        return GROUND
+    if alt > end["entry_alt_m"] and truth["flight_path_angle_rad"] > 0.0:
+        return SKIPPED_OUT
+    if truth["t_s"] >= end["time_max_s"]:
+        return TIME_OUT
+    return FLYING

@@ -1,0 +1,147 @@
+"""The records of the world: what it is made of (WORLD, read-only) and how it stands (TRUTH)."""
+
+import numpy as np
+
+from flight_sw.atmosphere import ATMOSPHERE
+
+AERO_TABLE_MAX = 12  # rows (angle of attack) and columns (Mach)
+
+# Aerodynamic models; never renumbered.
+AERO_CONSTANT = 0
+AERO_NEWTONIAN = 1
+AERO_TABLE = 2
+
+# Outcomes of a flight; never renumbered.
+FLYING = 0
+END_CONDITION = 1
+TIME_OUT = 2
+SKIPPED_OUT = 3
+GROUND = 4
+NUMERICAL = 5
+
+OUTCOMES = ("flying", "end condition", "time out", "skipped out", "ground", "numerical")
+"""Text of the outcomes, in order of their codes."""
+
+PLANET = np.dtype(
+    [
+        ("radius_m", "f8"),  # of the sphere altitudes and ground range refer to; also J2's
+        ("mu_m3ps2", "f8"),
+        ("rotation_radps", "f8"),
+        ("j2", "f8"),  # 0 switches the oblateness off
+        ("g0_mps2", "f8"),  # unit of the load factor, not the local gravity
+    ],
+    align=True,
+)
+
+AERODYNAMICS = np.dtype(
+    [
+        ("model", "i8"),  # AERO_*
+        ("mass_kg", "f8"),
+        ("area_m2", "f8"),  # that the coefficients refer to
+        ("lift_coefficient", "f8"),  # AERO_CONSTANT
+        ("drag_coefficient", "f8"),
+        ("n1", "f8"),  # AERO_NEWTONIAN: C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2
+        ("n2", "f8"),
+        ("a1", "f8"),
+        ("a2", "f8"),
+        ("n_alpha", "i8"),  # AERO_TABLE
+        ("n_mach", "i8"),
+        ("alpha_rad", "f8", (AERO_TABLE_MAX,)),
+        ("mach", "f8", (AERO_TABLE_MAX,)),
+        ("lift_table", "f8", (AERO_TABLE_MAX, AERO_TABLE_MAX)),  # coefficients [alpha, Mach]
+        ("drag_table", "f8", (AERO_TABLE_MAX, AERO_TABLE_MAX)),
+    ],
+    align=True,
+)
+
+HEATING = np.dtype(
+    [
+        ("factor_si", "f8"),  # heat flux = factor rho^a V^b in W/m2; its unit depends on a and b
+        ("density_exponent", "f8"),
+        ("velocity_exponent", "f8"),
+    ],
+    align=True,
+)
+
+ACTUATOR = np.dtype(
+    [
+        ("lag_gain", "f8"),  # share of the error taken in a frame: 1 - exp(-dt/lag); 1 without lag
+        ("rate_max_radps", "f8"),  # inf: no limit
+        ("accel_max_radps2", "f8"),  # inf: no limit
+        ("low_rad", "f8"),
+        ("high_rad", "f8"),
+        ("turns_freely", "i8"),  # 1: the axis has no stop, and takes the shorter way round
+    ],
+    align=True,
+)
+
+END = np.dtype(
+    [
+        ("entry_alt_m", "f8"),  # above it and climbing: skipped out
+        ("speed_mps", "f8"),  # ends at or below; 0: never
+        ("alt_m", "f8"),  # ends at or below; -inf: never
+        ("time_max_s", "f8"),
+    ],
+    align=True,
+)
+
+WORLD = np.dtype(
+    [
+        ("dt_s", "f8"),  # a minor frame, and the integration step
+        ("planet", PLANET),
+        ("aerodynamics", AERODYNAMICS),
+        ("heating", HEATING),
+        ("bank", ACTUATOR),
+        ("alpha", ACTUATOR),
+        ("end", END),
+        ("atmosphere", ATMOSPHERE),
+    ],
+    align=True,
+)
+"""All that stays as it is during a flight."""
+
+HELD = np.dtype(
+    [
+        ("cos_bank", "f8"),
+        ("sin_bank", "f8"),
+        ("alpha_rad", "f8"),
+        ("lift_area_m2", "f8"),  # C_L S; with a table in Mach refreshed at every stage instead
+        ("drag_area_m2", "f8"),
+    ],
+    align=True,
+)
+"""What the attitude of a frame means for the forces: held over the frame's four stages."""
+
+TRUTH = np.dtype(
+    [
+        ("minor_frames", "i8"),  # since entry
+        ("t_s", "f8"),  # minor_frames times dt_s
+        ("lon_rad", "f8"),  # -pi to pi
+        ("lat_rad", "f8"),  # geocentric
+        ("alt_m", "f8"),  # above the sphere of the planet's radius
+        ("v_rel_mps", "f8"),  # relative to the rotating planet
+        ("flight_path_angle_rad", "f8"),  # of v_rel, positive up
+        ("heading_rad", "f8"),  # of v_rel, from north, positive to the east, -pi to pi
+        ("bank_rad", "f8"),  # positive: lift to the right of v_rel; -pi to pi
+        ("alpha_rad", "f8"),
+        ("bank_rate_radps", "f8"),
+        ("alpha_rate_radps", "f8"),
+        ("drag_mps2", "f8"),  # positive against v_rel
+        ("lift_mps2", "f8"),  # signed as the lift coefficient
+        ("rho_kgpm3", "f8"),
+        ("mach", "f8"),
+        ("dynamic_pressure_pa", "f8"),
+        ("heat_flux_wpm2", "f8"),  # stagnation point, cold wall
+        ("heat_load_jpm2", "f8"),
+        ("load_factor_g", "f8"),  # in units of the planet's g0
+        ("ground_range_m", "f8"),  # along the track, on the sphere of the planet's radius
+        ("energy_jpkg", "f8"),  # v_rel^2/2 - mu/R, neither rotation nor J2 in it
+        ("jacobi_energy_jpkg", "f8"),  # of the rotating frame, J2 in it
+        ("heat_flux_max_wpm2", "f8"),  # the largest at a minor frame so far
+        ("load_factor_max_g", "f8"),
+        ("dynamic_pressure_max_pa", "f8"),
+        ("held", HELD),
+    ],
+    align=True,
+)
+"""The state of the vehicle and what follows from it at this instant."""
