@@ -12,7 +12,7 @@ BISECTIONS_MAX = 32  # halves a grid of up to 2**32 values down to one interval
 
 @kernel
 def bracket(x: float, grid: F8, n: int) -> int:
-    """Index i of the interval grid[i] <= x < grid[i + 1]; the first or last one outside the grid."""
+    """Index i of the interval grid[i] <= x < grid[i + 1]; outside the grid its first or last."""
     low = 0
     high = n - 1
     for _ in range(BISECTIONS_MAX):

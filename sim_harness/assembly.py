@@ -129,7 +129,8 @@ def atmosphere_record(mission: "Mission") -> np.ndarray:
 def table_record(model: TableAtmosphere, mission_path: Path) -> np.ndarray:
     """The record of a table in the mission file or in a CSV file beside it."""
     if model.csv is not None:
-        columns = read_csv(mission_path.parent / model.csv)
+        name = model.csv
+        columns = read_csv(mission_path.parent / name)
         try:
             model = TableAtmosphere(
                 model="table",
@@ -138,7 +139,7 @@ def table_record(model: TableAtmosphere, mission_path: Path) -> np.ndarray:
                 **columns,
             )
         except ValueError as error:
-            raise MissionError(csv_sentence(model.csv, error)) from None
+            raise MissionError(csv_sentence(name, error)) from None
     if model.sound_speed_mps is not None:
         sound = np.array(model.sound_speed_mps)
     else:
@@ -151,10 +152,11 @@ def table_record(model: TableAtmosphere, mission_path: Path) -> np.ndarray:
 
 def csv_sentence(name: str, error: Any) -> str:
     """What is wrong with a CSV table, one sentence per error."""
-    found = [(".".join(str(part) for part in e["loc"]), e["msg"]) for e in error.errors()]
-    return "\n".join(
-        f"{name}: {f'column {where} ' if where else ''}{what}" for where, what in found
-    )
+    lines = []
+    for found in error.errors():
+        column = "".join(f"column {key} " for key in found["loc"])
+        lines.append(f"{name}: {column}{found['msg']}")
+    return "\n".join(lines)
 
 
 def read_csv(path: Path) -> dict[str, Any]:

@@ -87,7 +87,7 @@ class Mission(Section):
 
     @property
     def gains_folder(self) -> Path:
-        """Folder of design and load images: named in the file, or shipped under the mission's name."""
+        """Folder of design and load images: named in the file, or the shipped one of its name."""
         if self.guidance.gains is not None:
             return self._path.parent / self.guidance.gains
         return GAINS / self.name
@@ -207,7 +207,7 @@ def resolve(key: str, known: list[str]) -> str:
 
 
 def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:
-    """Writes overrides into what the file said; models first, since they decide which keys exist."""
+    """Writes overrides into what the file said, models first: they decide which keys exist."""
     for key in sorted(overrides, key=lambda k: k.rsplit(".", 1)[-1] != "model"):
         *parents, leaf = resolve(key, leaf_keys(Mission, raw)).split(".")
         table = raw

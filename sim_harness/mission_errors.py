@@ -60,31 +60,19 @@ def section_at(root: type[BaseModel], raw: Any, path: tuple[str, ...]) -> type[B
     return section
 
 
-def without_tags(root: type[BaseModel], raw: Any, loc: tuple[int | str, ...]) -> tuple[str, ...]:
+def without_tags(root: type[BaseModel], loc: tuple[int | str, ...], raw: Any) -> tuple[str, ...]:
     """Path of keys of an error, without the model names pydantic inserts after a choice."""
     path: list[str] = []
-    section: type[BaseModel] | None = root
+    was_choice = False
     for item in loc:
-        key = str(item)
-        if (
-            section is not None
-            and path
-            and section.model_fields.get(TAG)
-            and key == tag_of_safe(section)
-        ):
-            if key not in section.model_fields:
-                continue
-        path.append(key)
-        section = section_at(root, raw, tuple(path))
+        if was_choice:
+            was_choice = False
+            continue
+        parent = section_at(root, raw, tuple(path))
+        path.append(str(item))
+        field = parent.model_fields.get(str(item)) if parent else None
+        was_choice = field is not None and len(sections_of(field.annotation)) > 1
     return tuple(path)
-
-
-def tag_of_safe(section: type[BaseModel]) -> str | None:
-    """The model name of a section out of several, None for any other."""
-    field = section.model_fields.get(TAG)
-    if field is None or get_origin(field.annotation) is not Literal:
-        return None
-    return tag_of(section)
 
 
 def allowed_of(section: type[BaseModel] | None, key: str) -> str:
@@ -104,7 +92,7 @@ def allowed_of(section: type[BaseModel] | None, key: str) -> str:
 
 def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
     """One error in words: key, what is, what is allowed."""
-    path = without_tags(root, raw, error["loc"])
+    path = without_tags(root, error["loc"], raw)
     where = ".".join(path)
     parent = section_at(root, raw, path[:-1])
     key = path[-1] if path else ""

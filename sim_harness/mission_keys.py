@@ -216,7 +216,7 @@ class ConstantAerodynamics(Section):
 
 
 class NewtonianAerodynamics(Section):
-    """C_N = n1 s^2 + n2 s c and C_A = a1 c^2 + a2 s^2 with s, c = sin, cos of the angle of attack."""
+    """C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2; s, c = sin, cos of the angle of attack."""
 
     model: Literal["newtonian"]
     n1: Annotated[float, Quantity("-", -100.0, 100.0, "normal force, sin^2 term")]
@@ -237,9 +237,8 @@ class Rows(Series):
     def check_rows(self, value: object) -> tuple[tuple[float, ...], ...]:
         """The rows, or a refusal."""
         rows = Series(self.unit, self.low, self.high, self.meaning, AERO_TABLE_MAX)
-        if not isinstance(value, list | tuple) or not all(
-            isinstance(r, list | tuple) for r in value
-        ):
+        lists = (list, tuple)
+        if not isinstance(value, lists) or not all(isinstance(row, lists) for row in value):
             raise refusal("is not a list of lists, allowed a list per angle of attack")
         return tuple(rows.check_list(row) for row in value)
 

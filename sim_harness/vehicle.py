@@ -82,7 +82,7 @@ def outputs(world: Record, truth: Record) -> None:
     truth["dynamic_pressure_pa"] = pressure
     truth["heat_flux_wpm2"] = flux
     truth["load_factor_g"] = load_factor
-    truth["energy_jpkg"] = 0.5 * v * v - planet["mu_m3ps2"] / radius
+    truth["energy_jpkg"] = 0.5 * v * v + planet["mu_m3ps2"] * alt / (planet["radius_m"] * radius)
     truth["jacobi_energy_jpkg"] = jacobi_energy(planet, radius, s_lat, c_lat, v)
     truth["heat_flux_max_wpm2"] = max(truth["heat_flux_max_wpm2"], flux)
     truth["load_factor_max_g"] = max(truth["load_factor_max_g"], load_factor)

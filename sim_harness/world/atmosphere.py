@@ -1,5 +1,6 @@
 """Builds the ATMOSPHERE record: exponential, U.S. Standard 1976, or a table of one's own."""
 
+import itertools
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from sim_harness.world import us76
 
 EXPONENTIAL_LOWEST_M = -10_000.0
 EXPONENTIAL_HIGHEST_M = 2_000_000.0
+US76_LAYER_STEP_M = 1_000.0
 US76_STEPS_M = ((150_000.0, 1_000.0), (300_000.0, 5_000.0), (us76.HIGHEST_M, 20_000.0))
 
 
@@ -51,35 +53,24 @@ def exponential(rho0_kgpm3: float, scale_height_m: float, sound_speed_mps: float
 def us_standard_1976() -> np.ndarray:
     """[US76] from -5 to 1,000 km; the speed of sound of 86 km is held above."""
     bases_m = [us76.geometric_m(layer.base_m) for layer in us76.LAYERS[1:]]
-    below_m = np.unique(
-        np.concatenate([np.arange(us76.LOWEST_M, us76.TURBOPAUSE_M + 1.0, 1e3), bases_m])
-    )
+    grid_m = np.arange(us76.LOWEST_M, us76.TURBOPAUSE_M + 1.0, US76_LAYER_STEP_M)
+    below_m = np.unique(np.concatenate([grid_m, bases_m]))
     rows = []
     sound = []
-    for left_m, right_m in zip(below_m[:-1], below_m[1:], strict=True):
+    for left_m, right_m in itertools.pairwise(below_m):
         layer = us76.layer_at(0.5 * (left_m + right_m))
         rho_left, slope_left, temperature_k = us76.layer_state(layer, left_m)
         rho_right, slope_right, _ = us76.layer_state(layer, right_m)
-        rows.append(
-            hermite(
-                right_m - left_m, math.log(rho_left), math.log(rho_right), slope_left, slope_right
-            )
-        )
+        values = math.log(rho_left), math.log(rho_right)
+        rows.append(hermite(right_m - left_m, *values, slope_left, slope_right))
         sound.append(sound_speed_of(temperature_k))
     spline = us76.ln_density_above_86_km()
     above_m = [us76.TURBOPAUSE_M]
     for top_m, step_m in US76_STEPS_M:
         above_m.extend(np.arange(above_m[-1] + step_m, top_m + 1.0, step_m))
-    for left_m, right_m in zip(above_m[:-1], above_m[1:], strict=True):
-        rows.append(
-            hermite(
-                right_m - left_m,
-                spline(left_m),
-                spline(right_m),
-                spline(left_m, 1),
-                spline(right_m, 1),
-            )
-        )
+    for left_m, right_m in itertools.pairwise(above_m):
+        slopes = spline(left_m, 1), spline(right_m, 1)
+        rows.append(hermite(right_m - left_m, spline(left_m), spline(right_m), *slopes))
     _, _, temperature_k = us76.layer_state(us76.LAYERS[-1], us76.TURBOPAUSE_M)
     sound.extend([sound_speed_of(temperature_k)] * len(above_m))
     alts_m = np.concatenate([below_m, above_m[1:]])

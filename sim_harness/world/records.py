@@ -135,8 +135,8 @@ TRUTH = np.dtype(
         ("heat_load_jpm2", "f8"),
         ("load_factor_g", "f8"),  # in units of the planet's g0
         ("ground_range_m", "f8"),  # along the track, on the sphere of the planet's radius
-        ("energy_jpkg", "f8"),  # v_rel^2/2 - mu/R, neither rotation nor J2 in it
-        ("jacobi_energy_jpkg", "f8"),  # of the rotating frame, J2 in it
+        ("energy_jpkg", "f8"),  # v_rel^2/2 + mu (1/Re - 1/R): 0 at rest at zero altitude
+        ("jacobi_energy_jpkg", "f8"),  # v_rel^2/2 + potential with J2 and rotation: 0 at infinity
         ("heat_flux_max_wpm2", "f8"),  # the largest at a minor frame so far
         ("load_factor_max_g", "f8"),
         ("dynamic_pressure_max_pa", "f8"),
