@@ -1,5 +1,10 @@
-"""Every field of every record names its unit, or stands on the list of pure numbers."""
+"""Every real number in a record names its unit, or stands on the list of pure numbers.
 
+Integers count, number, mask or switch something and need none; quantities in integers (`t_ns`,
+`nav_timeout_cycles`) say theirs by the same endings.
+"""
+
+import ast
 import importlib
 import re
 from pathlib import Path
@@ -7,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.rules.sources import ROOT, python_files
+from tests.rules.sources import ROOT, name_of, python_files, tree_of
 
 BASES = ("ns", "us", "ms", "s", "m", "kg", "rad", "pa", "w", "j", "hz", "g", "k(?![a-z])")
 """SI and radians. `g` is the standard acceleration, for load factors alone; `k` is kelvin, and no
@@ -15,31 +20,39 @@ prefix: nothing may follow it."""
 COUNTED = ("cycles", "frames", "samples", "bytes", "bits", "count", "ratio", "exponent", "index")
 """Endings that say of a pure number what it is."""
 PURE = {
-    # struct can_frame
-    "can_id", "dlc", "pad", "res0", "len8_dlc", "data",
-    # codes and switches
-    "phase", "mode", "law", "status", "tracking", "started", "released", "gamma_started", "armed",
-    "fix_valid", "valid", "seq",
-    # tables: grid sizes and dimensionless columns
-    "n", "n_rows", "n_alpha", "n_mach", "mach", "cl", "cd",
-    # a law's own reports, units by name in its TELEMETRY
-    "telemetry",
+    # aerodynamic coefficients and the grids they stand on
+    "mach", "cl", "cd", "lift_coefficient", "drag_coefficient", "lift_table", "drag_table",
+    "n1", "n2", "a1", "a2",
+    # planet
+    "j2",
+    # logarithm of a density in kg/m3
+    "ln_rho",
+    # share of an error taken in one frame
+    "lag_gain",
     # k in q = k rho^m V^n and rho V^n itself: their units depend on the exponents
-    "coefficient", "tracking_constant",
-    # counters
-    "falling",
+    "coefficient", "factor_si", "tracking_constant",
+    # in the unit of the signal or of the telemetry number
+    "scale", "offset", "low", "high", "telemetry",
 }  # fmt: skip
+"""Numbers without a unit, and those whose unit another field tells."""
+
+PURE_BEGINNINGS = ("sin_", "cos_", "tan_")
 
 _BASE = "|".join(BASES)
 UNIT = re.compile(rf"(?:1|(?:(?:{_BASE})\d?)+)?(?:p(?:{_BASE})\d?)*")
 
 
 def has_unit(name: str) -> bool:
-    """True for `quantity_unit` with a unit of the bases above, such as `kgpm3` or `radm2pw`."""
+    """True for `quantity_unit` with a unit of the bases above (`kgpm3`, `radm2pw`) or with none."""
+    if name.startswith(PURE_BEGINNINGS):
+        return True
     quantity, _, ending = name.rpartition("_")
     if not quantity or not ending:
         return False
     return ending in COUNTED or UNIT.fullmatch(ending) is not None
+
+
+SOURCES = [p for p in python_files("flight_sw", "sim_harness") if p.stem != "__main__"]
 
 
 def module_name(path: Path) -> str:
@@ -48,45 +61,52 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = [
-    module_name(path)
-    for path in python_files("flight_sw", "sim_harness")
-    if path.stem != "__main__"
-]
+def names_assigned_in(path: Path) -> set[str]:
+    """Module globals that the file itself assigns, so not those it imports."""
+    found = set()
+    for node in tree_of(path).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        found |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return found
 
 
-def records_in(module: str) -> dict[str, np.dtype]:
-    """The record types among a module's globals: dtypes, and what carries one as `.dtype`."""
+def records_in(path: Path) -> dict[str, np.dtype]:
+    """The record types that a file defines: dtypes, and what carries one as `.dtype`."""
+    module = importlib.import_module(module_name(path))
     found = {}
-    for name, value in vars(importlib.import_module(module)).items():
+    for name in sorted(names_assigned_in(path)):
+        value = getattr(module, name, None)
         dtype = value if isinstance(value, np.dtype) else getattr(value, "dtype", None)
         if isinstance(dtype, np.dtype) and dtype.names and not isinstance(value, np.ndarray):
             found[name] = dtype
     return found
 
 
+def real_fields(dtype: np.dtype) -> list[str]:
+    """Names of the fields of floating point, arrays of them included."""
+    return [n for n in dtype.names or () if dtype[n].base.kind == "f"]
+
+
 def fields_without_unit(dtype: np.dtype) -> list[str]:
-    """Names of number fields that say neither a unit nor that they have none."""
-    assert dtype.fields is not None
-    numbers = [n for n in dtype.fields if dtype.fields[n][0].base.names is None]
-    return [n for n in numbers if n not in PURE and not has_unit(n)]
+    """Names of real fields that say neither a unit nor that they have none."""
+    return [n for n in real_fields(dtype) if n not in PURE and not has_unit(n)]
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_every_field_of_every_record_names_its_unit(module: str) -> None:
-    wrong = {name: fields_without_unit(dtype) for name, dtype in records_in(module).items()}
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_every_field_of_every_record_names_its_unit(path: Path) -> None:
+    wrong = {name: fields_without_unit(dtype) for name, dtype in records_in(path).items()}
     assert {name: fields for name, fields in wrong.items() if fields} == {}
 
 
 def test_the_list_of_pure_names_holds_none_that_no_record_has() -> None:
-    records = [dtype for module in MODULES for dtype in records_in(module).values()]
-    assert sorted(PURE - {name for dtype in records for name in dtype.names or ()}) == []
+    records = [dtype for path in SOURCES for dtype in records_in(path).values()]
+    assert sorted(PURE - {name for dtype in records for name in real_fields(dtype)}) == []
 
 
 @pytest.mark.parametrize(
     "name",
     ["alt_m", "v_rel_mps", "rho_kgpm3", "mu_m3ps2", "heat_flux_wpm2", "k_drag_s2pm", "rate_1ps",
-     "k_heat_flux_radm2pw", "load_factor_g", "nav_timeout_cycles", "heat_load_jpm2"],
+     "k_heat_flux_radm2pw", "load_factor_g", "nav_timeout_cycles", "sin_bank", "buckets_pm", "heat_load_jpm2"],
 )  # fmt: skip
 def test_a_unit_is_recognised(name: str) -> None:
     assert has_unit(name)
