@@ -98,7 +98,7 @@ def build_codec() -> npt.NDArray[np.void]:
 
 
 @kernel
-def raw_value(codec: Record, index: int, word: np.uint64) -> int:
+def raw_value(codec: Record, index: int, word: np.uint64) -> np.int64:
     """The raw value of one signal."""
     raw = (word >> codec["shift"][index]) & codec["mask"][index]
     sign = codec["sign"][index]

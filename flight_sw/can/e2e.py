@@ -21,7 +21,7 @@ BIT_40, BIT_48, BIT_56 = np.uint64(40), np.uint64(48), np.uint64(56)
 
 
 @kernel
-def counter_of(word: np.uint64) -> int:
+def counter_of(word: np.uint64) -> np.int64:
     """The sequence counter of a frame word."""
     return np.int64((word >> COUNTER_SHIFT) & NIBBLE)
 

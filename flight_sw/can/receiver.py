@@ -13,6 +13,7 @@ frame outside the window does not move it: a stream that jumped is believed agai
 import numpy as np
 
 from flight_sw.can.codec import NO_SLOT, in_range, unpack
+from flight_sw.can.codec import OK as UNPACKED
 from flight_sw.can.e2e import counter_of, crc_ok
 from flight_sw.dictionary import CAN_ID_MASK
 from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, value_index
@@ -44,6 +45,7 @@ VERDICTS = (
 N_VERDICTS = len(VERDICTS)
 
 DELTA_MAX = 3  # counter steps taken as lost frames rather than as another stream
+COUNTER_MASK = COUNTER_VALUES - 1
 SILENCE_PERIODS = COUNTER_VALUES - 1  # by then every counter lies in the window
 AGE_MAX_CYCLES = 1 << 30  # ages stop here
 
@@ -77,26 +79,26 @@ COUNT_16_BITS = 0xFFFF
 @kernel
 def is_valid(verdict: int) -> bool:
     """Whether a frame with this verdict may be used."""
-    return verdict == OK or verdict == LOST
+    return verdict <= LOST
 
 
 @kernel
-def slot_of(codec: Record, can_id: np.uint32) -> int:
+def slot_of(codec: Record, can_id: np.uint32) -> np.int64:
     """The message with this identifier, NO_SLOT if there is none or a flag bit is set."""
     identifier = np.int64(can_id)
     if identifier > CAN_ID_MASK:
-        return NO_SLOT
+        return np.int64(NO_SLOT)
     return np.int64(codec["slot_of_id"][identifier])
 
 
 @kernel
 def sequence_verdict(codec: Record, rx_state: Record, slot: int, counter: int) -> int:
     """OK, LOST, REPEATED or WRONG_SEQUENCE."""
-    missed = max(rx_state["age_cycles"][slot] - 1, 0) // codec["period_cycles"][slot]
-    if rx_state["received"][slot] == 0 or missed >= SILENCE_PERIODS:
+    delta = (counter - np.int64(rx_state["counter"][slot])) & COUNTER_MASK
+    if delta == 1 or rx_state["received"][slot] == 0:
         return OK
-    delta = (counter - np.int64(rx_state["counter"][slot])) % COUNTER_VALUES
-    if delta == 1:
+    missed = max(rx_state["age_cycles"][slot] - 1, 0) // codec["period_cycles"][slot]
+    if missed >= SILENCE_PERIODS:
         return OK
     if delta == 0:
         return REPEATED
@@ -106,22 +108,31 @@ def sequence_verdict(codec: Record, rx_state: Record, slot: int, counter: int) -
 
 
 @kernel
+def frame_verdict(codec: Record, rx_state: Record, slot: int, frame: Record) -> int:
+    """What can be said of a frame without its signals and its sequence."""
+    if slot == NO_SLOT:
+        return UNKNOWN_ID
+    if codec["sender"][slot] != rx_state["sender"]:
+        return FOREIGN
+    if frame["dlc"] != codec["dlc"][slot]:
+        return WRONG_LENGTH
+    if not crc_ok(codec, slot, frame["data"]):
+        return WRONG_CRC
+    return OK
+
+
+@kernel
 def judge(codec: Record, rx_state: Record, frame: Record, values: F8) -> tuple[int, int]:
     """Slot and verdict of a frame; `values` gets its signals if the verdict is a valid one."""
     slot = slot_of(codec, frame["can_id"])
-    if slot == NO_SLOT:
-        return slot, UNKNOWN_ID
-    if codec["sender"][slot] != rx_state["sender"]:
-        return slot, FOREIGN
-    if frame["dlc"] != codec["dlc"][slot]:
-        return slot, WRONG_LENGTH
+    verdict = frame_verdict(codec, rx_state, slot, frame)
+    if verdict != OK:
+        return slot, verdict
     word = frame["data"]
-    if not crc_ok(codec, slot, word):
-        return slot, WRONG_CRC
     verdict = sequence_verdict(codec, rx_state, slot, counter_of(word))
     if not is_valid(verdict):
         return slot, verdict if in_range(codec, slot, word) else OUT_OF_RANGE
-    if unpack(codec, slot, word, values) != 0:
+    if unpack(codec, slot, word, values) != UNPACKED:
         return slot, OUT_OF_RANGE
     return slot, verdict
 
@@ -130,7 +141,7 @@ def judge(codec: Record, rx_state: Record, frame: Record, values: F8) -> tuple[i
 def accept(rx_state: Record, slot: int, counter: int, verdict: int) -> None:
     """Move the message's sequence on to `counter` and count the frame."""
     if verdict == LOST:
-        delta = (counter - np.int64(rx_state["counter"][slot])) % COUNTER_VALUES
+        delta = (counter - np.int64(rx_state["counter"][slot])) & COUNTER_MASK
         rx_state["lost_frames"] += delta - 1
     rx_state["counter"][slot] = counter
     rx_state["received"][slot] = 1
@@ -162,7 +173,7 @@ def receiver_reset(rx_state: Record) -> None:
 
 
 @kernel
-def rejected(rx_state: Record) -> int:
+def rejected(rx_state: Record) -> np.int64:
     """Frames refused so far, whatever for."""
     total = np.int64(0)
     for verdict in range(REPEATED, N_VERDICTS):

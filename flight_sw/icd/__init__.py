@@ -8,7 +8,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import cantools
+from cantools.database import Database
 from cantools.database.can import Message as DbcMessage
 from cantools.database.can import Signal as DbcSignal
 
@@ -117,7 +117,8 @@ def _message(dbc: DbcMessage) -> Message:
 
 def load_messages(path: Path) -> tuple[Message, ...]:
     """The messages of a DBC file in slot order, each checked to be one that the codec can serve."""
-    database = cantools.database.load_file(path, strict=True)
+    database = Database(strict=True)
+    database.add_dbc_file(path)
     return tuple(sorted((_message(m) for m in database.messages), key=lambda m: m.can_id))
 
 
