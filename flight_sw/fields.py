@@ -38,6 +38,14 @@ class RecordSpec:
             align=True,
         )
 
+    @classmethod
+    def of(cls, name: str, dtype: np.dtype[np.void], *fields: Field) -> "RecordSpec":
+        """Ranges for a record type that is defined elsewhere."""
+        spec = cls(name, *fields)
+        if spec.dtype != dtype:
+            raise TypeError(f"{name}: fields {spec.dtype} are not those of {dtype}")
+        return spec
+
     def check(self, record: Record, where: str) -> None:
         """Raise LoadError for the first field that is not finite, in range and ascending."""
         for field in self.fields:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
-from flight_sw.atmosphere import ATMOSPHERE
+from flight_sw.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
 from flight_sw.can.codec import CODEC, build_codec
 from flight_sw.errors import LoadError
 from flight_sw.fields import Field, RecordSpec
@@ -53,6 +53,19 @@ WIRING = np.dtype(
 """How the law's telemetry numbers reach the bus: found by name in the DBC at boot."""
 
 
+ATMOSPHERE_TABLE = RecordSpec.of(
+    "atmosphere",
+    ATMOSPHERE,
+    Field("n", 2, KNOTS_MAX, kind="i8"),
+    Field("buckets_perm", 1e-9, 1e3),
+    Field("alt_m", -1e5, 1e8, shape=(KNOTS_MAX,), rows="n"),
+    Field("ln_rho", shape=(KNOTS_MAX, 4)),
+    Field("sound_speed_sq_m2ps2", 0.0, 1e9, shape=(KNOTS_MAX,)),
+    Field("bucket", 0, KNOTS_MAX - 2, kind="i4", shape=(BUCKETS,)),
+)
+"""Ranges for the shared atmosphere record: no index in it may leave its arrays."""
+
+
 class LoadImage(NamedTuple):
     """A checked image: whose it is, its body, and the CRC that names it."""
 
@@ -73,7 +86,7 @@ def body_spec(law: str) -> RecordSpec:
         Field("telemetry_divider", 1, 100_000, "minor frames per law telemetry", kind="u4"),
         Field("health_divider", 1, 100_000, "minor frames per health report", kind="u4"),
         Field("onboard", record=ONBOARD),
-        Field("atmosphere", record=ATMOSPHERE),
+        Field("atmosphere", record=ATMOSPHERE_TABLE),
         Field("bank_limits", record=AXIS_LIMITS),
         Field("alpha_limits", record=AXIS_LIMITS),
         Field("modes", record=MODE_DESIGN),

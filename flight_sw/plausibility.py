@@ -57,8 +57,10 @@ def wrapped(angle_rad: float) -> float:
 
 
 @kernel
-def _between(value: float, a: float, b: float, margin: float) -> bool:
-    return min(a, b) - margin <= value <= max(a, b) + margin
+def _on_the_way(angle_rad: float, flown_rad: float, command_rad: float, margin_rad: float) -> bool:
+    """Whether an angle lies between the one flown last and the one commanded, either way round."""
+    detour_rad = abs(wrapped(angle_rad - flown_rad)) + abs(wrapped(command_rad - angle_rad))
+    return detour_rad <= abs(wrapped(command_rad - flown_rad)) + 2.0 * margin_rad
 
 
 @kernel
@@ -66,13 +68,13 @@ def _attitude(gates: Record, state: Record, values: F8) -> bool:
     """Flown angles lie between those flown last and those commanded."""
     nav = state["nav"]
     margin_rad = gates["attitude_margin_rad"]
-    bank_limiter = state["bank_limiter"]
-    alpha_limiter = state["alpha_limiter"]
-    if bank_limiter["started"] == 0:
+    bank = state["bank_limiter"]
+    alpha = state["alpha_limiter"]
+    if bank["started"] == 0:
         return True
-    return _between(
-        values[BANK], nav["bank_rad"], bank_limiter["command_rad"], margin_rad
-    ) and _between(values[ALPHA], nav["alpha_rad"], alpha_limiter["command_rad"], margin_rad)
+    return _on_the_way(
+        values[BANK], nav["bank_rad"], bank["command_rad"], margin_rad
+    ) and _on_the_way(values[ALPHA], nav["alpha_rad"], alpha["command_rad"], margin_rad)
 
 
 @kernel

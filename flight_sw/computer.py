@@ -1,0 +1,320 @@
+"""The minor frame: receive, navigation, mode, guidance, limit, transmit.
+
+A pure function of records and CAN frames. A cycle is closed by the time message, which the other
+side sends last; how the frames before it were cut into calls makes no difference to the result.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw import icd, modes, status
+from flight_sw import plausibility as gate
+from flight_sw.can.codec import pack
+from flight_sw.can.e2e import counter_of, protect
+from flight_sw.can.receiver import (
+    IMPLAUSIBLE,
+    RX_STATE,
+    WRONG_SEQUENCE,
+    accept,
+    is_valid,
+    judge,
+    receiver_reset,
+    receiver_tick,
+    refuse,
+    report_counters,
+)
+from flight_sw.dictionary import GUIDANCE, NAV, TICK_ID
+from flight_sw.guidance import law_module, law_step
+from flight_sw.jit import kernel
+from flight_sw.limits import LIMITER, limit
+from flight_sw.types_ import Frames, Record
+
+NAV_SLOTS = (gate.POSITION, gate.VERTICAL, gate.DIRECTION, gate.AERO, gate.ATTITUDE, gate.HEATING)
+REQUEST = icd.slot("GROUND_REQUEST")
+COMMAND = icd.slot("FSW_COMMAND")
+STATUS = icd.slot("FSW_STATUS")
+HEALTH = (icd.slot("RX_HEALTH_A"), icd.slot("RX_HEALTH_B"), icd.slot("RX_HEALTH_C"))
+
+REQUEST_CODE = icd.value_index("GROUND_REQUEST", "request")
+REQUEST_KEY = icd.value_index("GROUND_REQUEST", "load_crc32")
+BANK_CMD = icd.value_index("FSW_COMMAND", "bank_cmd_rad")
+ALPHA_CMD = icd.value_index("FSW_COMMAND", "alpha_cmd_rad")
+
+CYCLE = icd.value_index("FSW_STATUS", "cycle")
+MODE = icd.value_index("FSW_STATUS", "mode")
+PHASE = icd.value_index("FSW_STATUS", "phase")
+TRACKING = icd.value_index("FSW_STATUS", "tracking")
+FIX_VALID = icd.value_index("FSW_STATUS", "fix_valid")
+BANK_SATURATED = icd.value_index("FSW_STATUS", "bank_saturated")
+ALPHA_SATURATED = icd.value_index("FSW_STATUS", "alpha_saturated")
+LAW_STATUS = icd.value_index("FSW_STATUS", "law_status")
+
+ARM, STOP = 1, 2
+RESYNC_REFUSALS = 8  # time messages refused in a row that carry a right CRC: start afresh
+NO_SLOT = -1
+CYCLE_MODULUS = 1 << 20  # of the cycle number in FSW_STATUS
+COUNTER_MODULUS = 16
+
+
+def state_dtype(law: str) -> np.dtype[np.void]:
+    """Everything the computer remembers between cycles: its bytes are a checkpoint."""
+    return np.dtype(
+        [
+            ("cycle", "u4"),
+            ("mode", "u4"),
+            ("armed", "u4"),
+            ("stop", "u4"),
+            ("radius_m", "f8"),  # of the planet, beside the fix for the gates
+            ("fix_valid", "u4"),  # this cycle's navigation set was complete and consistent
+            ("had_fix", "u4"),
+            ("cycles_without_fix", "u4"),
+            ("fixes_in_row", "u4"),
+            ("incomplete_sets", "u4"),
+            ("time_refused", "u4"),  # in a row
+            ("bank_saturated", "u4"),
+            ("alpha_saturated", "u4"),
+            ("tx_refused", "u4"),
+            ("nav", NAV),
+            ("received", "f8", (icd.N_VALUES,)),  # as decoded, before acceptance
+            ("accepted", "f8", (icd.N_VALUES,)),
+            ("sent", "f8", (icd.N_VALUES,)),
+            ("fresh", "i4", (icd.N_MESSAGES,)),  # counter of this cycle's message, -1: none
+            ("tx_counter", "u4", (icd.N_MESSAGES,)),
+            ("rx", RX_STATE),
+            ("bank_limiter", LIMITER.dtype),
+            ("alpha_limiter", LIMITER.dtype),
+            ("guidance", GUIDANCE),
+            ("law", law_module(law).STATE.dtype),
+        ],
+        align=True,
+    )
+
+
+def new_state(law: str) -> npt.NDArray[np.void]:
+    """A computer's state before its first frame, shape (1,)."""
+    state = np.zeros(1, state_dtype(law))
+    state["fresh"] = NO_SLOT
+    state["cycle"] = CYCLE_MODULUS - 1
+    return state
+
+
+@kernel
+def _take_request(load: Record, state: Record) -> None:
+    """Arm or stop, if the request names the load that is flying."""
+    received = state["accepted"]
+    if int(received[REQUEST_KEY]) != int(load["crc32"]):
+        return
+    request = int(received[REQUEST_CODE])
+    if request == ARM:
+        state["armed"] = 1
+    elif request == STOP:
+        state["stop"] = 1
+
+
+@kernel
+def _refuse_time(state: Record) -> None:
+    """Count a time message refused; after enough in a row believe the sender, not the memory."""
+    state["time_refused"] += 1
+    if state["time_refused"] >= RESYNC_REFUSALS:
+        state["time_refused"] = 0
+        state["had_fix"] = 0
+        receiver_reset(state["rx"])
+
+
+@kernel
+def receive(load: Record, state: Record, frame: Record) -> bool:
+    """Judge one frame and keep it if it is good; True when it closed a cycle.
+
+    A refused frame changes nothing but counters.
+    """
+    if frame["can_id"] == TICK_ID:
+        return True
+    codec = load["codec"]
+    rx = state["rx"]
+    received = state["received"]
+    slot, verdict = judge(codec, rx, frame, received)
+    if not is_valid(verdict):
+        if slot == gate.TIME and verdict == WRONG_SEQUENCE:
+            _refuse_time(state)
+        refuse(rx, verdict)
+        return False
+    if not gate.plausible(load, state, slot, received):
+        if slot == gate.TIME:
+            _refuse_time(state)
+        refuse(rx, IMPLAUSIBLE)
+        return False
+    counter = counter_of(frame["data"])
+    accept(rx, slot, counter, verdict)
+    accepted = state["accepted"]
+    first = int(codec["first_value"][slot])
+    for i in range(first, first + int(codec["n_signals"][slot])):
+        accepted[i] = received[i]
+    if slot == REQUEST:
+        _take_request(load, state)
+        return False
+    state["fresh"][slot] = counter
+    return slot == gate.TIME
+
+
+@kernel
+def _take_fix(load: Record, state: Record) -> None:
+    """A fix is a set of navigation messages that all carry the time message's counter."""
+    fresh = state["fresh"]
+    accepted = state["accepted"]
+    counter = fresh[gate.TIME]
+    complete = counter != NO_SLOT
+    for slot in NAV_SLOTS:
+        complete = complete and fresh[slot] == counter
+    if counter != NO_SLOT:
+        state["time_refused"] = 0
+        state["cycle"] = int(math.floor(accepted[gate.T] / load["dt_s"] + 0.5))
+        if not complete:
+            state["incomplete_sets"] += 1
+    else:
+        state["cycle"] += 1
+    for slot in range(icd.N_MESSAGES):
+        fresh[slot] = NO_SLOT
+    if not complete:
+        state["fix_valid"] = 0
+        state["fixes_in_row"] = 0
+        state["cycles_without_fix"] += 1
+        return
+    state["fix_valid"] = 1
+    state["had_fix"] = 1
+    state["fixes_in_row"] += 1
+    state["cycles_without_fix"] = 0
+    nav = state["nav"]
+    nav["t_s"] = accepted[gate.T]
+    nav["lon_rad"] = accepted[gate.LON]
+    nav["lat_rad"] = accepted[gate.LAT]
+    nav["alt_m"] = accepted[gate.ALT]
+    nav["v_rel_mps"] = accepted[gate.SPEED]
+    nav["flight_path_angle_rad"] = accepted[gate.PATH_ANGLE]
+    nav["heading_rad"] = accepted[gate.HEADING_ANGLE]
+    nav["drag_mps2"] = accepted[gate.DRAG]
+    nav["lift_mps2"] = accepted[gate.LIFT]
+    nav["bank_rad"] = accepted[gate.BANK]
+    nav["alpha_rad"] = accepted[gate.ALPHA]
+    nav["heat_flux_wpm2"] = accepted[gate.HEAT_FLUX]
+
+
+@kernel
+def _guide(load: Record, state: Record) -> None:
+    """Run the law where the mode says so; otherwise the wanted command stays what it was."""
+    out = state["guidance"]
+    mode = state["mode"]
+    if mode == modes.STANDBY or mode == modes.COAST:
+        out["bank_cmd_rad"] = load["modes"]["coast_bank_rad"]
+        out["alpha_cmd_rad"] = load["modes"]["coast_alpha_rad"]
+        out["tracking"] = 0
+    elif mode == modes.ENTRY:
+        if state["fix_valid"] == 0:
+            out["status"] = status.NO_FIX
+        elif state["cycle"] % load["guidance_divider"] == 0:
+            out["status"] = law_step(load, state["law"], state["nav"], out)
+    else:
+        out["tracking"] = 0
+
+
+@kernel
+def _limit_commands(load: Record, state: Record) -> None:
+    """Bank and angle-of-attack commands within their limits, into the vector of sent values."""
+    out = state["guidance"]
+    sent = state["sent"]
+    bank = state["bank_limiter"]
+    alpha = state["alpha_limiter"]
+    bank_code = limit(out["bank_cmd_rad"], load["dt_s"], load["bank_limits"], bank)
+    alpha_code = limit(out["alpha_cmd_rad"], load["dt_s"], load["alpha_limits"], alpha)
+    state["bank_saturated"] = 1 if bank_code == status.SATURATED else 0
+    state["alpha_saturated"] = 1 if alpha_code == status.SATURATED else 0
+    if bank_code == status.NONFINITE or alpha_code == status.NONFINITE:
+        out["status"] = status.NONFINITE
+    sent[BANK_CMD] = bank["command_rad"]
+    sent[ALPHA_CMD] = alpha["command_rad"]
+
+
+@kernel
+def _send(load: Record, state: Record, slot: int, tx: Frames, n_tx: int) -> int:
+    """Append message `slot` made of the sent values; a value out of range sends nothing."""
+    codec = load["codec"]
+    word, code = pack(codec, slot, state["sent"])
+    if code != status.OK or n_tx >= len(tx):
+        state["tx_refused"] += 1
+        return n_tx
+    counters = state["tx_counter"]
+    frame = tx[n_tx]
+    frame["can_id"] = codec["can_id"][slot]
+    frame["dlc"] = codec["dlc"][slot]
+    frame["pad"] = 0
+    frame["res0"] = 0
+    frame["len8_dlc"] = 0
+    frame["data"] = protect(codec, slot, word, counters[slot])
+    counters[slot] = (counters[slot] + 1) % COUNTER_MODULUS
+    return n_tx + 1
+
+
+@kernel
+def _send_telemetry(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
+    """The law's telemetry and the receiver's counters, each at its own sub-rate."""
+    sent = state["sent"]
+    wiring = load["wiring"]
+    if state["cycle"] % load["telemetry_divider"] == 0:
+        telemetry = state["guidance"]["telemetry"]
+        value_index = wiring["value_index"]
+        for i in range(len(value_index)):
+            if value_index[i] >= 0:
+                sent[value_index[i]] = telemetry[i]
+        slots = wiring["slot"]
+        for i in range(wiring["n_messages"]):
+            n_tx = _send(load, state, slots[i], tx, n_tx)
+    if state["cycle"] % load["health_divider"] == 0:
+        report_counters(state["rx"], state["incomplete_sets"], sent)
+        for slot in HEALTH:
+            n_tx = _send(load, state, slot, tx, n_tx)
+    return n_tx
+
+
+@kernel
+def _send_status(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
+    """The message that ends a cycle's answer: it names the cycle and seals the command."""
+    sent = state["sent"]
+    out = state["guidance"]
+    sent[CYCLE] = state["cycle"] % CYCLE_MODULUS
+    sent[MODE] = state["mode"]
+    sent[PHASE] = out["phase"]
+    sent[TRACKING] = out["tracking"]
+    sent[FIX_VALID] = state["fix_valid"]
+    sent[BANK_SATURATED] = state["bank_saturated"]
+    sent[ALPHA_SATURATED] = state["alpha_saturated"]
+    sent[LAW_STATUS] = out["status"]
+    return _send(load, state, STATUS, tx, n_tx)
+
+
+@kernel
+def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
+    """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length."""
+    _take_fix(load, state)
+    receiver_tick(state["rx"])
+    state["radius_m"] = load["onboard"]["planet"]["radius_m"]
+    state["mode"] = modes.next_mode(state["mode"], modes.conditions(load["modes"], state))
+    _guide(load, state)
+    _limit_commands(load, state)
+    n_tx = _send(load, state, COMMAND, tx, n_tx)
+    n_tx = _send_telemetry(load, state, tx, n_tx)
+    return _send_status(load, state, tx, n_tx)
+
+
+@kernel
+def minor_frame(load: Record, state: Record, rx: Frames, n_rx: int, tx: Frames) -> int:
+    """Take `n_rx` frames, run each cycle they close; frames to send are left in `tx`.
+
+    Returns how many. `tx` holds dictionary.TX_CAPACITY frames, enough for every cycle that
+    dictionary.RX_CAPACITY frames can close.
+    """
+    n_tx = 0
+    for i in range(n_rx):
+        if receive(load, state, rx[i]):
+            n_tx = step(load, state, tx, n_tx)
+    return n_tx

@@ -1,0 +1,171 @@
+"""What a `design.toml` holds: every choice of the guidance engineer, with unit and range."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from flight_sw.errors import DesignError
+from flight_sw.guidance import LAWS
+from sim_harness.mission_errors import sentence
+from sim_harness.mission_keys import INF, Quantity, Section, Series, Text, refusal
+
+
+class Timing(Section):
+    """Rates inside the flight computer."""
+
+    guidance_divider: Annotated[
+        int, Quantity("minor frames", 1, 10_000, "per guidance step, a whole number")
+    ] = 1
+    telemetry_hz: Annotated[float, Quantity("Hz", 0.01, 1000.0, "the law's own telemetry")] = 10.0
+    health_hz: Annotated[float, Quantity("Hz", 0.01, 1000.0, "the receiver's counters")] = 1.0
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        if self.guidance_divider != int(self.guidance_divider):
+            raise refusal(f"guidance_divider is {self.guidance_divider:g}, allowed a whole number")
+        return self
+
+
+class Modes(Section):
+    """Thresholds of the mode table, and what is held before entry."""
+
+    entry_load_g: Annotated[float, Quantity("g", 0.0, 10.0, "sensed; guidance runs from here")]
+    terminal_speed_mps: Annotated[
+        float, Quantity("m/s", 0.0, 1e5, "the last command is held below it")
+    ]
+    nav_timeout_s: Annotated[float, Quantity("s", 1e-3, 100.0, "without a fix: SAFE")] = 0.5
+    nav_return_s: Annotated[float, Quantity("s", 1e-3, 100.0, "of fixes ends SAFE")] = 0.2
+    coast_bank_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "held before entry")] = 0.0
+    coast_alpha_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "held before entry")] = 0.0
+
+
+class Axis(Section):
+    """Command limits of one axis."""
+
+    low_deg: Annotated[float, Quantity("deg", -360.0, 360.0, "smallest command")]
+    high_deg: Annotated[float, Quantity("deg", -360.0, 360.0, "largest command")]
+    rate_max_degps: Annotated[float, Quantity("deg/s", 1e-3, INF, "inf: none")] = INF
+    accel_max_degps2: Annotated[float, Quantity("deg/s2", 1e-3, INF, "inf: none")] = INF
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> Self:
+        if not self.low_deg < self.high_deg:
+            raise refusal(f"low_deg is {self.low_deg:g}, allowed below high_deg {self.high_deg:g}")
+        return self
+
+
+class Limits(Section):
+    """Command limits."""
+
+    bank: Axis
+    alpha: Axis
+
+
+class Gates(Section):
+    """How far navigation may move from one fix to the next before it is disbelieved."""
+
+    distance_margin_m: Annotated[float, Quantity("m", 0.0, 1e6, "beyond speed times time")] = 200.0
+    accel_max_mps2: Annotated[float, Quantity("m/s2", 0.1, 1e5, "change of speed")] = 400.0
+    turn_rate_max_degps: Annotated[
+        float, Quantity("deg/s", 0.1, 1e4, "change of path angle and heading")
+    ] = 60.0
+    sensed_ratio: Annotated[
+        float, Quantity("-", 0.0, 1e3, "change of a sensed acceleration in a frame, of its value")
+    ] = 1.5
+    sensed_margin_mps2: Annotated[float, Quantity("m/s2", 0.0, 1e5, "and beyond that")] = 0.5
+    heat_flux_ratio_ps: Annotated[
+        float, Quantity("1/s", 0.0, 1e3, "change of heat flux, of its value")
+    ] = 2.0
+    heat_flux_margin_kwpm2: Annotated[float, Quantity("kW/m2", 0.0, 1e6, "and beyond that")] = 2.0
+    attitude_margin_deg: Annotated[
+        float, Quantity("deg", 1e-3, 360.0, "beyond what lies between flown and commanded")
+    ] = 3.0
+
+
+def angle(meaning: str) -> Quantity:
+    """A design angle."""
+    return Quantity("deg", -180.0, 180.0, meaning)
+
+
+class Nominal(Section):
+    """[MOOIJ18] III.A.1; the path limits themselves are the mission's."""
+
+    alpha_before_peak_deg: Annotated[float, angle("until the heat-flux peak")]
+    alpha_after_peak_deg: Annotated[float, angle("from the peak on")]
+    bank_before_tracking_deg: Annotated[float, angle("until tracking")] = 0.0
+    scale_height_m: Annotated[float, Quantity("m", 1e2, 1e5, "of the path law")]
+    k_gamma_p: Annotated[float, Quantity("m/s2/rad", -1e4, 1e4, "Eq. 17")]
+    k_gamma_i: Annotated[float, Quantity("m/s3/rad", -1e4, 1e4, "Eq. 17")]
+    k_gamma_d: Annotated[float, Quantity("m/s/rad", -1e4, 1e4, "Eq. 17")]
+    k_flow_p_rad: Annotated[float, Quantity("rad", -10.0, 10.0, "Eq. 23")]
+    k_flow_d_heat_flux_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]
+    k_flow_d_load_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]
+    transition_start_ratio: Annotated[
+        float, Quantity("-", 0.01, 0.99, "of the load limit, Eq. 18")
+    ]
+    transition_duration_s: Annotated[float, Quantity("s", 0.1, 1e3, "Eq. 21")]
+    release_exponent: Annotated[
+        float, Quantity("-", 2.0, 6.0, "heat-flux tracking ends below this n")
+    ]
+
+
+class Lqy(Section):
+    """Weights and operating points of the output regulator."""
+
+    heat_flux_error_max_kwpm2: Annotated[float, Quantity("kW/m2", 1e-3, 1e6, "Bryson")]
+    load_error_max_g: Annotated[float, Quantity("g", 1e-4, 1e3, "Bryson")]
+    bank_error_max_deg: Annotated[float, Quantity("deg", 1e-3, 360.0, "Bryson")]
+    lead_s: Annotated[float, Quantity("s", 0.0, 1e3, "c_gamma of Eq. 30")]
+    band_ratio: Annotated[float, Quantity("-", 0.0, 10.0, "of the set point: no tracking beyond")]
+    decay_s: Annotated[float, Quantity("s", 0.01, 1e3, "Eq. 31")]
+    speeds_mps: Annotated[
+        tuple[float, ...], Series("m/s", 1.0, 1e5, "operating points", 32, 2, ascending=True)
+    ]
+    bank_design_low_deg: Annotated[float, Quantity("deg", 0.1, 179.0, "clip of the design")] = 20.0
+    bank_design_high_deg: Annotated[float, Quantity("deg", 1.0, 179.9, "clip of the design")] = (
+        160.0
+    )
+    speed_scale_ratio: Annotated[
+        float, Quantity("-", 1e-3, 1e3, "speed over it scales the speed state")
+    ] = 6.0
+
+
+class Design(Section):
+    """The whole file."""
+
+    mission: Annotated[str, Text("a shipped mission, or a path relative to this file", "a name")]
+    laws: list[str] = Field(min_length=1)
+    timing: Timing = Timing()
+    modes: Modes
+    limits: Limits
+    gates: Gates = Gates()
+    nominal: Nominal | None = None
+    lqy: Lqy | None = None
+
+    @model_validator(mode="after")
+    def _has_known_laws(self) -> Self:
+        for law in self.laws:
+            if law not in LAWS:
+                raise refusal(f'laws names "{law}", allowed {", ".join(LAWS)}')
+        return self
+
+
+def read_tree(path: Path) -> dict[str, Any]:
+    """The file as nested tables; raises DesignError if it cannot be read as TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DesignError(f"{path}: cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise DesignError(f"{path}: not TOML ({error})") from error
+
+
+def design_of(tree: dict[str, Any], where: str) -> Design:
+    """The checked design; raises DesignError with file, key, value and what is allowed."""
+    try:
+        return Design.model_validate(tree)
+    except ValidationError as error:
+        problems = "; ".join(sentence(Design, tree, e) for e in error.errors()[:3])
+        raise DesignError(f"{where}: {problems}") from error
