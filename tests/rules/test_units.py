@@ -106,7 +106,8 @@ def test_the_list_of_pure_names_holds_none_that_no_record_has() -> None:
 @pytest.mark.parametrize(
     "name",
     ["alt_m", "v_rel_mps", "rho_kgpm3", "mu_m3ps2", "heat_flux_wpm2", "k_drag_s2pm", "rate_1ps",
-     "k_heat_flux_radm2pw", "load_factor_g", "nav_timeout_cycles", "sin_bank", "buckets_pm", "heat_load_jpm2"],
+     "k_heat_flux_radm2pw", "load_factor_g", "nav_timeout_cycles", "sin_bank", "buckets_pm",
+     "heat_load_jpm2"],
 )  # fmt: skip
 def test_a_unit_is_recognised(name: str) -> None:
     assert has_unit(name)
