@@ -50,6 +50,9 @@ FIX_VALID = icd.value_index("FSW_STATUS", "fix_valid")
 BANK_SATURATED = icd.value_index("FSW_STATUS", "bank_saturated")
 ALPHA_SATURATED = icd.value_index("FSW_STATUS", "alpha_saturated")
 LAW_STATUS = icd.value_index("FSW_STATUS", "law_status")
+SEAL = icd.value_index("FSW_STATUS", "command_seal")
+SEAL_SHIFTS = (np.uint64(16), np.uint64(32), np.uint64(48))
+SEAL_MASK = np.uint64(0xFFFF)
 
 ARM, STOP = 1, 2
 RESYNC_REFUSALS = 8  # time messages refused in a row that carry a right CRC: start afresh
@@ -236,6 +239,15 @@ def _limit_commands(load: Record, state: Record) -> None:
 
 
 @kernel
+def seal_of(word: np.uint64) -> int:
+    """What FSW_STATUS carries of a command's frame word: its four 16-bit words, exclusive-or."""
+    folded = word
+    for shift in SEAL_SHIFTS:
+        folded ^= word >> shift
+    return int(folded & SEAL_MASK)
+
+
+@kernel
 def _send(load: Record, state: Record, slot: int, tx: Frames, n_tx: int) -> int:
     """Append message `slot` made of the sent values; a value out of range sends nothing."""
     codec = load["codec"]
@@ -301,7 +313,10 @@ def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     state["mode"] = modes.next_mode(state["mode"], modes.conditions(load["modes"], state))
     _guide(load, state)
     _limit_commands(load, state)
+    before = n_tx
     n_tx = _send(load, state, COMMAND, tx, n_tx)
+    if n_tx > before:
+        state["sent"][SEAL] = seal_of(tx[before]["data"])
     n_tx = _send_telemetry(load, state, tx, n_tx)
     return _send_status(load, state, tx, n_tx)
 
