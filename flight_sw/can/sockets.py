@@ -1,0 +1,286 @@
+"""Frames in and out of a bus socket, in batches, without the interpreter.
+
+A bus socket is an AF_UNIX seqpacket connection to a hub or a raw CAN socket; both move one
+`struct can_frame` a packet, and only `open_bus` knows the difference.
+"""
+
+import errno
+import socket
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.can.libc import (
+    IOVEC,
+    MMSGHDR,
+    MSG_DONTWAIT,
+    MSG_NOSIGNAL,
+    MSG_TRUNC,
+    POLLERR,
+    POLLFD,
+    POLLHUP,
+    POLLIN,
+    POLLNVAL,
+    POLLOUT,
+    POLLRDHUP,
+    last_errno,
+    monotonic_ns,
+    poll,
+    recvmmsg,
+    sendmmsg,
+    sleep_until_ns,
+)
+from flight_sw.dictionary import FRAME
+from flight_sw.errors import BusError
+from flight_sw.jit import kernel
+from flight_sw.types_ import Frames, Record
+
+BUS_LOST = -1
+BATCH = 64  # frames moved by one system call
+FRAME_SIZE = FRAME.itemsize
+UNIX_PATH_MAX_BYTES = 107  # of sockaddr_un, without the closing zero
+NS_PER_MS = 1_000_000
+SEND_TIMEOUT_MS = 1000  # a bus that takes nothing for so long gets the rest of the frames never
+FULL_QUEUE_PAUSE_NS = 200_000  # about the time of two frames at 1 Mbit/s; poll cannot wait for it
+ATTEMPTS_MAX = 1_000_000  # bounds the loops that wait; the clock ends them first
+
+EAGAIN, EINTR, ENOBUFS = errno.EAGAIN, errno.EINTR, errno.ENOBUFS
+BROKEN = POLLERR | POLLHUP | POLLNVAL | POLLRDHUP
+RECEIVE_FLAGS = MSG_DONTWAIT
+SEND_FLAGS = MSG_DONTWAIT | MSG_NOSIGNAL
+
+
+def io_dtype(capacity: int) -> np.dtype[np.void]:
+    """What the kernels hand to the system: buffers, and the structures that point to them."""
+    return np.dtype(
+        [
+            ("messages", MMSGHDR, (capacity,)),
+            ("iov", IOVEC, (capacity,)),
+            ("frames", FRAME, (capacity,)),
+            ("pollfd", POLLFD),
+            ("messages_address", "u8"),
+            ("pollfd_address", "u8"),
+            ("capacity", "i8"),
+            ("wrong_size", "i8"),  # packets dropped because they were no frame
+            ("hung_up", "i8"),  # 1 once an empty packet was seen: the other end may have closed
+        ],
+        align=True,
+    )
+
+
+def new_io(capacity: int = BATCH) -> npt.NDArray[np.void]:
+    """Scratch for one socket, shape (1,). It holds its own addresses: never copy it."""
+    io = np.zeros(1, io_dtype(capacity))
+    fields = io.dtype.fields or {}
+    address = {name: io.ctypes.data + offset[1] for name, offset in fields.items()}
+    rows = np.arange(capacity, dtype=np.uint64)
+    io["iov"][0]["base"] = address["frames"] + rows * FRAME_SIZE
+    io["iov"][0]["size"] = FRAME_SIZE
+    io["messages"][0]["iov"] = address["iov"] + rows * IOVEC.itemsize
+    io["messages"][0]["iov_count"] = 1
+    io["messages_address"] = address["messages"]
+    io["pollfd_address"] = address["pollfd"]
+    io["capacity"] = capacity
+    return io
+
+
+@kernel
+def wait_ready(fd: int, io: Record, events: int, timeout_ms: int) -> int:
+    """Wait for `events` on the socket: the events that came, 0 at the time-out or a signal."""
+    pollfd = io["pollfd"]
+    pollfd["fd"] = fd
+    pollfd["events"] = events
+    pollfd["revents"] = 0
+    if poll(io["pollfd_address"], np.uint64(1), np.int32(timeout_ms)) < 0:
+        return 0 if last_errno() == EINTR else BROKEN
+    return np.int64(pollfd["revents"])
+
+
+@kernel
+def copy_frame(source: Record, target: Record) -> None:
+    """Copy one frame whole."""
+    target["can_id"] = source["can_id"]
+    target["dlc"] = source["dlc"]
+    target["pad"] = source["pad"]
+    target["res0"] = source["res0"]
+    target["len8_dlc"] = source["len8_dlc"]
+    target["data"] = source["data"]
+
+
+@kernel
+def _keep_frames(io: Record, n: int, frames: Frames) -> int:
+    """Copy the packets that are frames; the others are counted and dropped."""
+    messages = io["messages"]
+    packets = io["frames"]
+    kept = 0
+    for i in range(n):
+        size = messages[i]["size"]
+        if size == FRAME_SIZE and messages[i]["flags"] & MSG_TRUNC == 0:
+            copy_frame(packets[i], frames[kept])
+            kept += 1
+        elif size == 0:
+            io["hung_up"] = 1
+        else:
+            io["wrong_size"] += 1
+    return kept
+
+
+@kernel
+def _is_hung_up(fd: int, io: Record) -> bool:
+    """Whether an empty packet just received meant the end of the connection."""
+    if io["hung_up"] == 0:
+        return False
+    io["hung_up"] = 0
+    if wait_ready(fd, io, POLLIN | POLLRDHUP, 0) & BROKEN != 0:
+        return True
+    io["wrong_size"] += 1
+    return False
+
+
+@kernel
+def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
+    """Take what lies ready, at most `capacity` frames; 0 is nothing, BUS_LOST the end."""
+    limit = min(capacity, io["capacity"])
+    for _ in range(ATTEMPTS_MAX):
+        n = recvmmsg(fd, io["messages_address"], limit, RECEIVE_FLAGS, 0)
+        if n < 0:
+            code = last_errno()
+            if code == EINTR:
+                continue
+            return 0 if code == EAGAIN else BUS_LOST
+        kept = _keep_frames(io, n, frames)
+        if kept > 0:
+            return kept
+        if n == 0:
+            return 0
+        if _is_hung_up(fd, io):
+            return BUS_LOST
+    return 0
+
+
+@kernel
+def recv_frames(fd: int, io: Record, frames: Frames, capacity: int, timeout_ms: int) -> int:
+    """Frames received, at least one unless `timeout_ms` passes first (0: do not wait).
+
+    BUS_LOST says that no frame will come any more.
+    """
+    n = receive_now(fd, io, frames, capacity)
+    if n != 0 or timeout_ms <= 0:
+        return n
+    deadline_ns = monotonic_ns() + timeout_ms * NS_PER_MS
+    for _ in range(ATTEMPTS_MAX):
+        left_ns = deadline_ns - monotonic_ns()
+        if left_ns <= 0:
+            return 0
+        events = wait_ready(fd, io, POLLIN, (left_ns + NS_PER_MS - 1) // NS_PER_MS)
+        n = receive_now(fd, io, frames, capacity)
+        if n != 0:
+            return n
+        if events & BROKEN != 0:
+            return BUS_LOST
+    return 0
+
+
+@kernel
+def send_now(fd: int, io: Record, frames: Frames, first: int, n: int) -> int:
+    """Send `frames[first:first + n]` as far as there is room; not above 0: see last_errno."""
+    batch = min(n, io["capacity"])
+    packets = io["frames"]
+    for i in range(batch):
+        copy_frame(frames[first + i], packets[i])
+    return np.int64(sendmmsg(fd, io["messages_address"], batch, SEND_FLAGS))
+
+
+@kernel
+def _wait_for_room(fd: int, io: Record, code: int, left_ns: int) -> bool:
+    """Wait until a refused send may be tried again; False if the bus is lost."""
+    if code == EINTR:
+        return True
+    if code == ENOBUFS:
+        sleep_until_ns(monotonic_ns() + FULL_QUEUE_PAUSE_NS)
+        return True
+    if code != EAGAIN:
+        return False
+    timeout_ms = (left_ns + NS_PER_MS - 1) // NS_PER_MS
+    return wait_ready(fd, io, POLLOUT, timeout_ms) & BROKEN == 0
+
+
+@kernel
+def send_frames(fd: int, io: Record, frames: Frames, n: int) -> int:
+    """Send the first `n` frames in order; returns how many went, BUS_LOST if none can go any more.
+
+    Fewer than `n` only where the bus took nothing for SEND_TIMEOUT_MS.
+    """
+    sent = 0
+    deadline_ns = np.int64(0)
+    for _ in range(ATTEMPTS_MAX):
+        if sent >= n:
+            return sent
+        moved = send_now(fd, io, frames, sent, n - sent)
+        if moved > 0:
+            sent += moved
+            deadline_ns = np.int64(0)
+            continue
+        code = last_errno()
+        now_ns = monotonic_ns()
+        if deadline_ns == 0:
+            deadline_ns = now_ns + SEND_TIMEOUT_MS * NS_PER_MS
+        if now_ns >= deadline_ns:
+            return sent
+        if not _wait_for_room(fd, io, code, deadline_ns - now_ns):
+            return BUS_LOST
+    return sent
+
+
+def _open_unix(path: str) -> socket.socket:
+    size = len(path.encode())
+    if size > UNIX_PATH_MAX_BYTES:
+        raise BusError(
+            f"unix:{path}: path of {size} bytes, a socket's has at most {UNIX_PATH_MAX_BYTES}"
+        )
+    bus = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        bus.connect(path)
+    except OSError as error:
+        bus.close()
+        raise BusError(f"unix:{path}: {_unix_refusal(error, Path(path))}") from error
+    return bus
+
+
+def _unix_refusal(error: OSError, path: Path) -> str:
+    if error.errno == errno.ENOENT:
+        return "does not exist, start a hub there first"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return "no permission to connect"
+    if error.errno == errno.ECONNREFUSED and not path.is_socket():
+        return "is not a socket"
+    if error.errno == errno.ECONNREFUSED:
+        return "nobody listens there, its hub has ended"
+    if error.errno == errno.EPROTOTYPE:
+        return "is a socket of another kind, allowed is a seqpacket hub"
+    return error.strerror or str(error)
+
+
+def _open_socketcan(interface: str) -> socket.socket:
+    where = f"socketcan:{interface}"
+    try:
+        bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    except (AttributeError, OSError) as error:
+        raise BusError(f"{where}: this system offers no CAN sockets") from error
+    try:
+        bus.bind((interface,))
+    except OSError as error:
+        bus.close()
+        missing = error.errno in (errno.ENODEV, errno.ENXIO)
+        reason = "no such interface" if missing else error.strerror
+        raise BusError(f"{where}: {reason}") from error
+    return bus
+
+
+def open_bus(address: str) -> socket.socket:
+    """The connected socket of a bus address, `unix:PATH` or `socketcan:INTERFACE`."""
+    kind, colon, place = address.partition(":")
+    if not colon or not place or kind not in ("unix", "socketcan"):
+        raise BusError(f"bus '{address}': allowed are unix:PATH and socketcan:INTERFACE")
+    return _open_unix(place) if kind == "unix" else _open_socketcan(place)
