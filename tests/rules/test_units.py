@@ -32,7 +32,7 @@ PURE = {
     # k in q = k rho^m V^n and rho V^n itself: their units depend on the exponents
     "coefficient", "factor_si", "tracking_constant",
     # in the unit of the signal or of the telemetry number
-    "scale", "offset", "low", "high", "telemetry",
+    "scale", "offset", "low", "high", "telemetry", "values", "received",
 }  # fmt: skip
 """Numbers without a unit, and those whose unit another field tells."""
 
