@@ -1,0 +1,67 @@
+"""What a flight is judged by: peaks, integrals and times, kept up once a minor frame."""
+
+import numpy as np
+
+from flight_sw.types_ import Record
+from sim_harness.jit import kernel
+
+METRICS = np.dtype(
+    [
+        ("heat_flux_limit_wpm2", "f8"),
+        ("load_factor_limit_g", "f8"),
+        ("dynamic_pressure_limit_pa", "f8"),  # inf: none
+        ("activated", "u4"),  # 1 once a tracker has been active
+        ("heat_flux_max_before_wpm2", "f8"),  # before that
+        ("heat_flux_max_after_wpm2", "f8"),  # from then on
+        ("heat_flux_error_jpm2", "f8"),  # integral of |q - limit| while tracking, [MOOIJ18] Eq. 42
+        ("load_factor_over_gs", "f8"),  # integral of the load factor over its limit, Eq. 43
+        ("bank_effort_rads", "f8"),  # integral of |commanded bank|, Eq. 44
+        ("tracking_time_s", "f8"),
+        ("heat_flux_over_s", "f8"),  # time over each limit
+        ("load_factor_over_s", "f8"),
+        ("dynamic_pressure_over_s", "f8"),
+        ("bank_saturated_s", "f8"),
+        ("without_fix_s", "f8"),
+        ("bank_reversals", "i8"),
+        ("bank_sign", "i8"),
+    ],
+    align=True,
+)
+"""Judgement of one flight, updated in place."""
+
+
+@kernel
+def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> None:
+    """Account for one minor frame, before it is flown: truth at its start, command as received."""
+    q_wpm2 = truth["heat_flux_wpm2"]
+    load_g = truth["load_factor_g"]
+    bank_rad = port["bank_cmd_rad"]
+    if port["tracking"] == 1:
+        metrics["activated"] = 1
+        metrics["tracking_time_s"] += dt_s
+        metrics["heat_flux_error_jpm2"] += abs(q_wpm2 - metrics["heat_flux_limit_wpm2"]) * dt_s
+    if metrics["activated"] == 1:
+        metrics["heat_flux_max_after_wpm2"] = max(metrics["heat_flux_max_after_wpm2"], q_wpm2)
+    else:
+        metrics["heat_flux_max_before_wpm2"] = max(metrics["heat_flux_max_before_wpm2"], q_wpm2)
+    if q_wpm2 > metrics["heat_flux_limit_wpm2"]:
+        metrics["heat_flux_over_s"] += dt_s
+    if load_g > metrics["load_factor_limit_g"]:
+        metrics["load_factor_over_s"] += dt_s
+        metrics["load_factor_over_gs"] += (load_g - metrics["load_factor_limit_g"]) * dt_s
+    if truth["dynamic_pressure_pa"] > metrics["dynamic_pressure_limit_pa"]:
+        metrics["dynamic_pressure_over_s"] += dt_s
+    metrics["bank_effort_rads"] += abs(bank_rad) * dt_s
+    if port["bank_saturated"] == 1:
+        metrics["bank_saturated_s"] += dt_s
+    if port["fix_valid"] == 0:
+        metrics["without_fix_s"] += dt_s
+    sign = 0
+    if bank_rad > 0.0:
+        sign = 1
+    elif bank_rad < 0.0:
+        sign = -1
+    if sign != 0:
+        if metrics["bank_sign"] != 0 and sign != metrics["bank_sign"]:
+            metrics["bank_reversals"] += 1
+        metrics["bank_sign"] = sign
