@@ -27,3 +27,7 @@ class DesignError(AeroshellError):
 
 class FlightError(AeroshellError):
     """A flight that could not be started or carried on."""
+
+
+class RecordingError(AeroshellError):
+    """A recording that cannot be written, or a file that is not one of ours or is damaged."""

@@ -6,9 +6,11 @@ every source file they can depend on (numba itself only looks at the file a kern
 that a changed constant, callee or DBC never meets a stale kernel.
 """
 
+import contextlib
 import hashlib
 import os
 import platform
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,12 @@ import numba
 import numpy as np
 from numba.core import config
 
+from flight_sw.kernel_cache import serialise_saves
+
 CACHE_VARIABLE = "AEROSHELL_CACHE_DIR"
 SOURCE_SUFFIXES = (".py", ".dbc")
 FLIGHT_ROOT = Path(__file__).parent
+FOLDERS_KEPT = 12  # versions of the sources whose kernels stay cached, most recently used first
 
 
 def cache_root() -> Path:
@@ -42,9 +47,21 @@ def source_hash(*roots: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def kernel_decorator(*roots: Path) -> Callable[[Callable[..., Any]], Any]:
+def _open_folder(folder: Path) -> None:
+    """Make the cache folder, mark it used, and drop those not used for longest."""
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        others = sorted(folder.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in others[FOLDERS_KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def kernel_decorator(*roots: Path) -> Callable[..., Any]:
     """The decorator of all kernels that depend on nothing outside `roots`."""
     folder = str(cache_root() / source_hash(*roots))
+    _open_folder(Path(folder))
+    serialise_saves()
 
     def kernel(function: Callable[..., Any]) -> Any:
         before = config.CACHE_DIR

@@ -14,10 +14,14 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils, config
+from numba.core import cgutils as llvm_tools
+from numba.core import config as compiler
 from numba.extending import intrinsic
 
 from flight_sw.jit import kernel
+
+cgutils: Any = llvm_tools  # neither has type annotations
+config: Any = compiler
 
 CLOCK_MONOTONIC = 1
 TIMER_ABSTIME = 1
@@ -67,8 +71,7 @@ recvmmsg = c_function(
 sendmmsg = c_function("sendmmsg", types.int32, types.int32, types.uint64, types.uint32, types.int32)
 
 
-@intrinsic
-def _errno(typing_context: Any) -> Any:
+def _errno_intrinsic(typing_context: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(LLVM_I32.as_pointer(), [])
         location = cgutils.get_or_insert_function(builder.module, kind, "__errno_location")
@@ -77,8 +80,7 @@ def _errno(typing_context: Any) -> Any:
     return types.int32(), generate
 
 
-@intrinsic
-def _monotonic_ns(typing_context: Any) -> Any:
+def _monotonic_ns_intrinsic(typing_context: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = ir.FunctionType(LLVM_I32, [LLVM_I32, LLVM_TIMESPEC.as_pointer()])
         function = cgutils.get_or_insert_function(builder.module, kind, "clock_gettime")
@@ -91,8 +93,7 @@ def _monotonic_ns(typing_context: Any) -> Any:
     return types.int64(), generate
 
 
-@intrinsic
-def _sleep_until_ns(typing_context: Any, deadline_ns: Any) -> Any:
+def _sleep_until_ns_intrinsic(typing_context: Any, deadline_ns: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = LLVM_TIMESPEC.as_pointer()
         kind = ir.FunctionType(LLVM_I32, [LLVM_I32, LLVM_I32, pointer, pointer])
@@ -107,6 +108,11 @@ def _sleep_until_ns(typing_context: Any, deadline_ns: Any) -> Any:
         )
 
     return types.int32(types.int64), generate
+
+
+_errno: Any = intrinsic(_errno_intrinsic)
+_monotonic_ns: Any = intrinsic(_monotonic_ns_intrinsic)
+_sleep_until_ns: Any = intrinsic(_sleep_until_ns_intrinsic)
 
 
 def _sleep_in_interpreter(deadline_ns: int) -> int:

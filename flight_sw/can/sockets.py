@@ -7,6 +7,7 @@ A bus socket is an AF_UNIX seqpacket connection to a hub or a raw CAN socket; bo
 import errno
 import socket
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +47,7 @@ FULL_QUEUE_PAUSE_NS = 200_000  # about the time of two frames at 1 Mbit/s; poll 
 ATTEMPTS_MAX = 1_000_000  # bounds the loops that wait; the clock ends them first
 
 EAGAIN, EINTR, ENOBUFS = errno.EAGAIN, errno.EINTR, errno.ENOBUFS
+ECONNRESET = errno.ECONNRESET
 BROKEN = POLLERR | POLLHUP | POLLNVAL | POLLRDHUP
 RECEIVE_FLAGS = MSG_DONTWAIT
 SEND_FLAGS = MSG_DONTWAIT | MSG_NOSIGNAL
@@ -72,7 +74,7 @@ def io_dtype(capacity: int) -> np.dtype[np.void]:
 def new_io(capacity: int = BATCH) -> npt.NDArray[np.void]:
     """Scratch for one socket, shape (1,). It holds its own addresses: never copy it."""
     io = np.zeros(1, io_dtype(capacity))
-    fields = io.dtype.fields or {}
+    fields: Any = io.dtype.fields
     address = {name: io.ctypes.data + offset[1] for name, offset in fields.items()}
     rows = np.arange(capacity, dtype=np.uint64)
     io["iov"][0]["base"] = address["frames"] + rows * FRAME_SIZE
@@ -86,14 +88,14 @@ def new_io(capacity: int = BATCH) -> npt.NDArray[np.void]:
 
 
 @kernel
-def wait_ready(fd: int, io: Record, events: int, timeout_ms: int) -> int:
+def wait_ready(fd: int, io: Record, events: int, timeout_ms: int) -> np.int64:
     """Wait for `events` on the socket: the events that came, 0 at the time-out or a signal."""
     pollfd = io["pollfd"]
     pollfd["fd"] = fd
     pollfd["events"] = events
     pollfd["revents"] = 0
     if poll(io["pollfd_address"], np.uint64(1), np.int32(timeout_ms)) < 0:
-        return 0 if last_errno() == EINTR else BROKEN
+        return np.int64(0 if last_errno() == EINTR else BROKEN)
     return np.int64(pollfd["revents"])
 
 
@@ -146,8 +148,8 @@ def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
         n = recvmmsg(fd, io["messages_address"], limit, RECEIVE_FLAGS, 0)
         if n < 0:
             code = last_errno()
-            if code == EINTR:
-                continue
+            if code == EINTR or code == ECONNRESET:
+                continue  # a reset is told once, before the frames that lie in front of it
             return 0 if code == EAGAIN else BUS_LOST
         kept = _keep_frames(io, n, frames)
         if kept > 0:
@@ -183,7 +185,7 @@ def recv_frames(fd: int, io: Record, frames: Frames, capacity: int, timeout_ms: 
 
 
 @kernel
-def send_now(fd: int, io: Record, frames: Frames, first: int, n: int) -> int:
+def send_now(fd: int, io: Record, frames: Frames, first: int, n: int) -> np.int64:
     """Send `frames[first:first + n]` as far as there is room; not above 0: see last_errno."""
     batch = min(n, io["capacity"])
     packets = io["frames"]

@@ -42,9 +42,9 @@ DESIGN = RecordSpec(
     Field("alpha_after_peak_rad", -math.pi, math.pi, "largest L/D"),
     Field("bank_before_tracking_rad", -math.pi, math.pi, "full lift up"),
     Field("scale_height_m", 1e2, 1e5, "of the path law"),
-    Field("k_gamma_p", -1e4, 1e4, "m/s2 per rad, Eq. 17 as printed"),
-    Field("k_gamma_i", -1e4, 1e4, "m/s3 per rad"),
-    Field("k_gamma_d", -1e4, 1e4, "m/s per rad"),
+    Field("k_gamma_p_mps2prad", -1e4, 1e4, "m/s2 per rad, Eq. 17 as printed"),
+    Field("k_gamma_i_mps3prad", -1e4, 1e4, "m/s3 per rad"),
+    Field("k_gamma_d_mpsprad", -1e4, 1e4, "m/s per rad"),
     Field("k_flow_p_rad", -10.0, 10.0, "Eq. 23"),
     Field("k_flow_d_heat_flux_rads", -10.0, 10.0, "Eq. 23, heat-flux phase"),
     Field("k_flow_d_load_rads", -10.0, 10.0, "Eq. 23, load phase"),
@@ -155,9 +155,9 @@ def _gamma_correction(design: Record, state: Record, gamma_rad: float, dt_s: flo
     state["gamma_error_prev_rad"] = error_rad
     state["gamma_integral_rads"] += error_rad * dt_s
     return (
-        design["k_gamma_p"] * error_rad
-        + design["k_gamma_i"] * state["gamma_integral_rads"]
-        + design["k_gamma_d"] * rate_radps
+        design["k_gamma_p_mps2prad"] * error_rad
+        + design["k_gamma_i_mps3prad"] * state["gamma_integral_rads"]
+        + design["k_gamma_d_mpsprad"] * rate_radps
     )
 
 

@@ -96,9 +96,9 @@ class Nominal(Section):
     alpha_after_peak_deg: Annotated[float, angle("from the peak on")]
     bank_before_tracking_deg: Annotated[float, angle("until tracking")] = 0.0
     scale_height_m: Annotated[float, Quantity("m", 1e2, 1e5, "of the path law")]
-    k_gamma_p: Annotated[float, Quantity("m/s2/rad", -1e4, 1e4, "Eq. 17")]
-    k_gamma_i: Annotated[float, Quantity("m/s3/rad", -1e4, 1e4, "Eq. 17")]
-    k_gamma_d: Annotated[float, Quantity("m/s/rad", -1e4, 1e4, "Eq. 17")]
+    k_gamma_p_mps2prad: Annotated[float, Quantity("m/s2/rad", -1e4, 1e4, "Eq. 17")]
+    k_gamma_i_mps3prad: Annotated[float, Quantity("m/s3/rad", -1e4, 1e4, "Eq. 17")]
+    k_gamma_d_mpsprad: Annotated[float, Quantity("m/s/rad", -1e4, 1e4, "Eq. 17")]
     k_flow_p_rad: Annotated[float, Quantity("rad", -10.0, 10.0, "Eq. 23")]
     k_flow_d_heat_flux_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]
     k_flow_d_load_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]

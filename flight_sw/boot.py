@@ -1,0 +1,177 @@
+"""Boot: read and check the load, open the bus, announce, compile, serve, report.
+
+From opening the bus until the first cycle the computer announces itself with FSW_BOOT, so that the
+ground can tell a computer that compiles from one that is not there.
+"""
+
+import gc
+import json
+import signal
+import socket
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw import icd
+from flight_sw.can.receiver import VERDICTS
+from flight_sw.can.sockets import new_io, open_bus
+from flight_sw.computer import new_state
+from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.errors import FlightError
+from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, serve
+from flight_sw.guidance import LAWS
+from flight_sw.histogram import percentiles_us
+from flight_sw.load_image import LoadImage, activate, read_image
+
+SLICE_NS = 100_000_000  # between two looks at signals
+ANNOUNCE_S = 0.1
+SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
+COMPILING, READY = 0, 1
+COUNTER_BITS_AT, COUNTER_VALUES = 8, 16
+
+
+def boot_frame(crc32: int, law: str, state: int, counter: int) -> bytes:
+    """FSW_BOOT as it lies on the wire, made without a compiled kernel."""
+    message = icd.layout("FSW_BOOT")
+    values = {"load_crc32": crc32, "state": state, "law": list(LAWS).index(law)}
+    word = (counter % COUNTER_VALUES) << COUNTER_BITS_AT
+    for signal_ in message.signals:
+        word |= (values[signal_.name] & ((1 << signal_.bits) - 1)) << signal_.start_bit
+    payload = word.to_bytes(8, "little")[1:] + bytes([message.data_ids[counter % COUNTER_VALUES]])
+    crc = 0xFF
+    for byte in payload:  # AUTOSAR CRC-8H2F, the slow way
+        crc ^= byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ (0x2F if crc & 0x80 else 0)) & 0xFF
+    frame = np.zeros(1, FRAME)
+    frame["can_id"], frame["dlc"], frame["data"] = message.can_id, 8, word | (crc ^ 0xFF)
+    return frame.tobytes()
+
+
+@dataclass
+class Announcer:
+    """Sends FSW_BOOT in its own thread until told to stop."""
+
+    bus: socket.socket
+    image: LoadImage
+    state: int = COMPILING
+    counter: int = 0
+    _over: threading.Event = field(default_factory=threading.Event)
+
+    def announce(self) -> None:
+        """Send one FSW_BOOT; a bus that takes none is noticed by the loop that follows."""
+        frame = boot_frame(self.image.crc32, self.image.law, self.state, self.counter)
+        self.counter += 1
+        try:
+            self.bus.send(frame, socket.MSG_DONTWAIT)
+        except OSError:
+            return
+
+    def __enter__(self) -> "Announcer":
+        self._thread = threading.Thread(target=self._repeat, daemon=True)
+        self._thread.start()
+        return self
+
+    def _repeat(self) -> None:
+        while not self._over.is_set():
+            self.announce()
+            self._over.wait(ANNOUNCE_S)
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+class FlightComputer:
+    """Owns the records of one flight computer and runs its loop on a bus."""
+
+    def __init__(self, load_path: Path, bus_address: str) -> None:
+        self.image = read_image(load_path)
+        self.load: npt.NDArray[np.void] = activate(self.image)
+        self.state = new_state(self.image.law)
+        self.executive = np.zeros(1, EXECUTIVE)
+        self.bus = open_bus(bus_address)
+        self.bus.setblocking(False)
+        self.io = new_io(RX_CAPACITY)
+        self.rx = np.zeros(RX_CAPACITY, FRAME)
+        self.tx = np.zeros(TX_CAPACITY, FRAME)
+        self.asked_to_end = False
+        self.compile_s = 0.0
+
+    def _serve(self, slice_ns: int) -> int:
+        return int(
+            serve(self.bus.fileno(), self.io[0], self.load, self.state, self.executive, self.rx,
+                  self.tx, slice_ns)
+        )  # fmt: skip
+
+    def compile(self, announcer: Announcer) -> None:
+        """Load or make the machine code; says so if it takes long."""
+        start_s = time.monotonic()
+        notice = threading.Timer(
+            SLOW_COMPILE_S,
+            lambda: sys.stderr.write(
+                f"flight computer: compiling law '{self.image.law}' for this processor, once\n"
+            ),
+        )
+        notice.start()
+        self._serve(0)
+        notice.cancel()
+        self.compile_s = time.monotonic() - start_s
+        announcer.state = READY
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        self.asked_to_end = True
+
+    def run(self) -> int:
+        """Announce, compile and serve; returns the executive's last word."""
+        with Announcer(self.bus, self.image) as announcer:
+            self.compile(announcer)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._end)
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        outcome = RUNNING
+        while outcome == RUNNING and not self.asked_to_end:
+            if not self.executive["cycles"][0]:
+                announcer.announce()
+            outcome = self._serve(SLICE_NS)
+        return outcome
+
+    def report(self) -> dict[str, Any]:
+        """What the computer can tell of its flight."""
+        executive, state = self.executive[0], self.state[0]
+        counted = state["rx"]["counted"]
+        return {
+            "law": self.image.law,
+            "load_crc32": f"0x{self.image.crc32:08x}",
+            "cycles": int(executive["cycles"]),
+            "frames_received": int(executive["frames_received"]),
+            "frames_sent": int(executive["frames_sent"]),
+            "verdicts": {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)},
+            "wrong_size": int(self.io["wrong_size"][0]),
+            "false_ticks": int(executive["false_ticks"]),
+            "incomplete_sets": int(state["incomplete_sets"]),
+            "tx_refused": int(state["tx_refused"]),
+            "mode": int(state["mode"]),
+            "compile_s": round(self.compile_s, 3),
+            "step_time_us": percentiles_us(executive["step_time"]),
+        }
+
+
+def boot(load_path: Path, bus_address: str) -> None:
+    """Run a flight computer to its end and print its report; raises AeroshellError if refused."""
+    computer = FlightComputer(load_path, bus_address)
+    outcome = computer.run()
+    sys.stdout.write(json.dumps(computer.report()) + "\n")
+    sys.stdout.flush()
+    computer.bus.close()
+    if outcome == BUS_LOST:
+        raise FlightError(f"{bus_address}: the bus was lost after {computer.executive['cycles'][0]} cycles")

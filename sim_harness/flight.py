@@ -1,0 +1,205 @@
+"""One flight from plan to summary: in memory, or as two processes on a bus.
+
+The flight computer of a bus flight is a process of its own. What the harness knows of it comes over
+the bus; its standard output only brings the report of its own timing when it has ended.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.computer import ARM, STOP, minor_frame, new_state
+from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.errors import FlightError
+from flight_sw.histogram import HISTOGRAM, percentiles_us
+from flight_sw.load_image import activate, parse_image
+from flight_sw.types_ import Frames
+from sim_harness.jit import kernel
+from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, HARNESS, Logs, fly_in_memory
+from sim_harness.mission import Mission
+from sim_harness.port import new_port, put_request
+from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.world.records import FLYING, OUTCOMES, TRUTH
+
+CHUNK_CYCLES = {"memory": 5000, "bus": 500}  # minor frames flown between two looks at the outside
+FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
+OTHER_OUTCOMES = {BUS_LOST: "bus lost", COMPUTER_SILENT: "flight computer silent"}
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """What is to be flown."""
+
+    mission: Mission
+    law: str
+    load_image: bytes
+    load_path: Path
+    bus: str
+    """`memory`, `unix` (a hub of its own), `unix:PATH` or another bus address."""
+    seed: int = 0
+    truth_rate_hz: float = 10.0
+    recorded: bool = True
+    reply_timeout_s: float = 0.8
+
+
+class Listener(Protocol):
+    """Who is told of a flight in progress: recorder, progress bar."""
+
+    def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
+        """Take what the last chunk logged; the arrays are used again afterwards."""
+
+    def progress(self, harness: npt.NDArray[np.void]) -> None:
+        """Show how the flight stands."""
+
+    def waiting(self, text: str) -> None:
+        """Show what is waited for; an empty text ends it."""
+
+
+@dataclass
+class FlightRun:
+    """The records of one flight, and what is known of it at its end."""
+
+    plan: FlightPlan
+    listeners: list[Listener]
+    outcome: int = FLYING
+    compile_s: float = 0.0
+    wall_s: float = 0.0
+    computer: dict[str, Any] = field(default_factory=dict)
+    """The flight computer's report."""
+
+    def __post_init__(self) -> None:
+        plan = self.plan
+        self.image = parse_image(plan.load_image, str(plan.load_path))
+        self.load = activate(self.image)
+        self.harness = new_harness(plan, self.load)
+        cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
+        rows = cycles * FRAMES_PER_CYCLE if plan.recorded else 0
+        self.logs = Logs(
+            np.zeros(cycles + TX_CAPACITY, FRAME),
+            np.zeros(rows, BUS_LOG),
+            np.zeros(cycles if plan.recorded else 0, TRUTH),
+        )
+        self.chunk_cycles = cycles
+        self.rx = np.zeros(RX_CAPACITY, FRAME)
+        self.tx = np.zeros(TX_CAPACITY, FRAME)
+        self._sha256 = hashlib.sha256()
+        self.bus_rows_lost = 0
+
+    def waiting(self, text: str) -> None:
+        """Tell the listeners what is waited for."""
+        for listener in self.listeners:
+            listener.waiting(text)
+
+    def request(self, code: int) -> Frames:
+        """The frame of a request to the flight computer, logged as sent."""
+        harness = self.harness
+        n = put_request(harness["codec"][0], harness["port"][0], code, self.image.crc32, self.tx)
+        if self.plan.recorded:
+            rows = np.zeros(n, BUS_LOG)
+            rows["t_s"] = harness["truth"]["t_s"]
+            rows["frame"] = self.tx[:n]
+            for listener in self.listeners:
+                listener.rows(rows, np.zeros(0, TRUTH))
+        return self.tx[:n].copy()
+
+    def drain(self) -> None:
+        """Hand the last chunk's logs on and empty them."""
+        harness = self.harness
+        n_commands, n_bus, n_truth = (
+            int(harness[name][0]) for name in ("n_commands", "n_bus", "n_truth")
+        )
+        self._sha256.update(self.logs.commands[:n_commands].tobytes())
+        for listener in self.listeners:
+            if self.plan.recorded:
+                listener.rows(self.logs.bus[:n_bus], self.logs.truth[:n_truth])
+            listener.progress(harness)
+        for name in ("n_commands", "n_bus", "n_truth"):
+            harness[name] = 0
+
+    def fly(self, fly_chunk: Callable[[], int]) -> None:
+        """Fly chunk by chunk to the end, timing the loop alone."""
+        while self.outcome == FLYING:
+            start_s = time.perf_counter()
+            self.outcome = int(fly_chunk())
+            self.wall_s += time.perf_counter() - start_s
+            self.drain()
+
+    @property
+    def command_sha256(self) -> str:
+        """Identity of the flight: over all command frames in order, 16 bytes each."""
+        return self._sha256.hexdigest()
+
+    @property
+    def outcome_text(self) -> str:
+        """The outcome in words."""
+        return OTHER_OUTCOMES.get(self.outcome) or OUTCOMES[self.outcome]
+
+
+def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """The harness's records at entry, shape (1,)."""
+    mission = plan.mission
+    harness = np.zeros(1, HARNESS)
+    harness["world"] = mission.world()
+    harness["codec"] = load["codec"]
+    harness["truth"] = mission.truth()
+    truth = harness["truth"][0]
+    harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))
+    metrics = harness["metrics"][0]
+    metrics["heat_flux_limit_wpm2"] = mission.limits.heat_flux_max_kwpm2 * 1e3
+    metrics["load_factor_limit_g"] = mission.limits.load_factor_max_g
+    metrics["dynamic_pressure_limit_pa"] = mission.limits.dynamic_pressure_max_kpa * 1e3
+    harness["truth_divider"] = max(round(1.0 / (mission.dt_s * plan.truth_rate_hz)), 1)
+    if float(load["dt_s"][0]) != float(harness["world"]["dt_s"][0]):
+        raise FlightError(
+            f"{plan.load_path}: minor frame is {load['dt_s'][0]:g} s, "
+            f"mission {mission.name} has {mission.dt_s:g} s"
+        )
+    return harness
+
+
+@kernel
+def hand_over(loads: Frames, states: Frames, rx: Frames, n_rx: int, tx: Frames) -> int:
+    """One call of the minor frame outside the flight loop."""
+    return minor_frame(loads[0], states[0], rx, n_rx, tx)
+
+
+def fly_memory(run: FlightRun) -> None:
+    """Fly with the minor frame called in the same compiled loop as the world."""
+    state = new_state(run.image.law)
+    step_time = np.zeros(1, HISTOGRAM)
+    start_s = time.perf_counter()
+    run.waiting("compiling the flight loop for this processor, once")
+
+    def chunk(cycles: int) -> int:
+        return int(
+            fly_in_memory(run.harness, run.load, state, step_time, run.rx, run.tx, run.logs, cycles)
+        )
+
+    chunk(0)
+    armed = run.request(ARM)
+    hand_over(run.load, state, armed, len(armed), run.tx)
+    run.compile_s = time.perf_counter() - start_s
+    run.waiting("")
+    run.fly(lambda: chunk(run.chunk_cycles))
+    stop = run.request(STOP)
+    hand_over(run.load, state, stop, len(stop), run.tx)
+    counted = state["rx"]["counted"][0]
+    run.computer = {
+        "step_time_us": percentiles_us(step_time[0]),
+        "compile_s": round(run.compile_s, 3),
+        "verdicts": verdicts(counted),
+        "incomplete_sets": int(state["incomplete_sets"][0]),
+    }
+
+
+def verdicts(counted: npt.NDArray[np.int64]) -> dict[str, int]:
+    """A receiver's counters by name."""
+    from flight_sw.can.receiver import VERDICTS
+
+    return {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)}
