@@ -107,7 +107,7 @@ class FlightComputer:
 
     def _serve(self, slice_ns: int) -> int:
         return int(
-            serve(self.bus.fileno(), self.io[0], self.load, self.state, self.executive, self.rx,
+            serve(self.bus.fileno(), self.io, self.load, self.state, self.executive, self.rx,
                   self.tx, slice_ns)
         )  # fmt: skip
 

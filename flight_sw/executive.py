@@ -43,18 +43,18 @@ def _drop_false_ticks(rx: Frames, n_rx: int, executive: Record) -> int:
 
 
 @kernel
-def serve(fd: int, io: Record, load: Frames, state: Frames, executive: Frames, rx: Frames,
+def serve(fd: int, io: Frames, load: Frames, state: Frames, executive: Frames, rx: Frames,
           tx: Frames, slice_ns: int) -> int:
     """Serve the bus for about `slice_ns`; returns RUNNING, STOPPED or BUS_LOST.
 
-    `load`, `state`, `executive` have shape (1,); a slice of zero compiles and touches everything.
+    `io`, `load`, `state`, `executive` have shape (1,); a slice of zero compiles and touches everything.
     """
     end_ns = monotonic_ns() + slice_ns
     wait_ms = max(slice_ns // 1_000_000, 1)
     if slice_ns == 0:
         return RUNNING
     while True:
-        n_rx = recv_frames(fd, io, rx, RX_CAPACITY, wait_ms)
+        n_rx = recv_frames(fd, io[0], rx, RX_CAPACITY, wait_ms)
         start_ns = monotonic_ns()
         if n_rx < 0:
             return BUS_LOST
@@ -65,7 +65,7 @@ def serve(fd: int, io: Record, load: Frames, state: Frames, executive: Frames, r
             if n_tx > 0:
                 add(executive[0]["step_time"], monotonic_ns() - start_ns)
                 executive[0]["cycles"] += 1
-                if send_frames(fd, io, tx, n_tx) < 0:
+                if send_frames(fd, io[0], tx, n_tx) < 0:
                     return BUS_LOST
                 executive[0]["frames_sent"] += n_tx
             if state[0]["stop"] == 1:

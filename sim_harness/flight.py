@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.can.receiver import VERDICTS
 from flight_sw.computer import ARM, STOP, minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
@@ -46,6 +47,8 @@ class FlightPlan:
     truth_rate_hz: float = 10.0
     recorded: bool = True
     reply_timeout_s: float = 0.8
+    own_computer: bool = True
+    """False: a flight computer with this load is on the bus already."""
 
 
 class Listener(Protocol):
@@ -200,6 +203,4 @@ def fly_memory(run: FlightRun) -> None:
 
 def verdicts(counted: npt.NDArray[np.int64]) -> dict[str, int]:
     """A receiver's counters by name."""
-    from flight_sw.can.receiver import VERDICTS
-
     return {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)}

@@ -172,7 +172,7 @@ def _await_answer(harness: Record, logs: Logs, wire: Wire, timeout_ns: int) -> i
     """Receive until the cycle's command is complete; FLYING, BUS_LOST or COMPUTER_SILENT."""
     deadline_ns = monotonic_ns() + timeout_ns
     while True:
-        n_rx = recv_frames(wire.fd, wire.io, wire.rx, RX_CAPACITY, POLL_MS)
+        n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, POLL_MS)
         if n_rx < 0:
             return BUS_LOST
         if n_rx > 0 and _take_answer(harness, logs, wire.rx, n_rx):
@@ -189,7 +189,7 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
         if not _has_room(harness, logs):
             return FLYING
         n_tx = _open_cycle(harness, logs, wire.tx)
-        if send_frames(wire.fd, wire.io, wire.tx, n_tx) < 0:
+        if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
             return BUS_LOST
         outcome = _await_answer(harness, logs, wire, timeout_ns)
         if outcome != FLYING:

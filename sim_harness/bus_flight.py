@@ -1,0 +1,167 @@
+"""A flight over a bus, in lockstep: each minor frame waits for the flight computer's answer."""
+
+import socket
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from flight_sw import icd
+from flight_sw.boot import READY
+from flight_sw.can.sockets import new_io, open_bus
+from flight_sw.computer import ARM, STOP
+from flight_sw.dictionary import FRAME, RX_CAPACITY
+from flight_sw.errors import FlightError
+from flight_sw.types_ import Frames
+from sim_harness.bus.hub import Hub
+from sim_harness.computer_process import ComputerProcess
+from sim_harness.flight import FlightRun
+from sim_harness.jit import kernel
+from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
+from sim_harness.port import take
+from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.world.records import TRUTH
+
+BOOT = icd.slot("FSW_BOOT")
+BOOT_CRC = icd.value_index("FSW_BOOT", "load_crc32")
+BOOT_STATE = icd.value_index("FSW_BOOT", "state")
+SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
+LISTEN_S = 0.05
+NOT_BOOT = -1
+
+
+@kernel
+def hear_boot(harnesses: Frames, frames: Frames, crc32: int) -> int:
+    """State that an FSW_BOOT frame announces for our load; NOT_BOOT for any other frame."""
+    harness = harnesses[0]
+    port = harness["port"]
+    before = port["rx"]["counted"][0] + port["rx"]["counted"][1]
+    take(harness["codec"], port, frames[0], 0)
+    if port["rx"]["counted"][0] + port["rx"]["counted"][1] == before:
+        return NOT_BOOT
+    if frames[0]["can_id"] != harness["codec"]["can_id"][BOOT]:
+        return NOT_BOOT
+    if int(port["received"][BOOT_CRC]) != crc32:
+        return NOT_BOOT
+    return int(port["received"][BOOT_STATE])
+
+
+class BusFlight:
+    """One flight over the bus of its plan; owns hub, socket and flight computer while it flies."""
+
+    def __init__(self, run: FlightRun, resources: ExitStack) -> None:
+        self.run = run
+        plan = run.plan
+        address = plan.bus
+        if plan.bus == "unix":
+            folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="aeroshell-"))
+            path = Path(folder) / "bus"
+            run.waiting("compiling the bus for this processor, once")
+            resources.enter_context(Hub(path))
+            address = f"unix:{path}"
+        self.bus: socket.socket = resources.enter_context(open_bus(address))
+        self.computer: ComputerProcess | None = None
+        if plan.own_computer:
+            self.computer = resources.enter_context(ComputerProcess(plan.load_path, address))
+        self.bus.setblocking(False)
+        self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx)
+
+    def chunk(self, cycles: int) -> int:
+        """Fly up to `cycles` minor frames."""
+        run = self.run
+        timeout_ns = int(run.plan.reply_timeout_s * 1e9)
+        return int(fly_in_lockstep(run.harness, self.wire, run.logs, cycles, timeout_ns))
+
+    def _hear(self) -> int:
+        """The state that the next frame from the bus announces, NOT_BOOT for silence."""
+        self.bus.settimeout(LISTEN_S)
+        try:
+            raw = self.bus.recv(FRAME.itemsize)
+        except TimeoutError:
+            return NOT_BOOT
+        finally:
+            self.bus.setblocking(False)
+        if not raw:
+            raise FlightError("the bus was closed before the flight began")
+        if len(raw) != FRAME.itemsize:
+            return NOT_BOOT
+        frame = np.frombuffer(raw, FRAME).copy()
+        if self.run.plan.recorded:
+            rows = np.zeros(1, BUS_LOG)
+            rows["frame"] = frame
+            for listener in self.run.listeners:
+                listener.rows(rows, np.zeros(0, TRUTH))
+        return int(hear_boot(self.run.harness, frame, self.run.image.crc32))
+
+    def await_computer(self) -> None:
+        """Wait until the flight computer announces our load as ready."""
+        start_s = heard_s = time.monotonic()
+        while (state := self._hear()) != READY:
+            if self.computer is not None:
+                self.computer.fail_if_ended()
+            now_s = time.monotonic()
+            if state != NOT_BOOT:
+                heard_s = now_s
+                self.run.waiting(
+                    f"flight computer compiles law '{self.run.image.law}' for this processor, "
+                    f"once ({now_s - start_s:.0f} s)"
+                )
+            if now_s - heard_s > SIGN_OF_LIFE_S:
+                raise FlightError(
+                    f"no flight computer with load 0x{self.run.image.crc32:08x} announced itself "
+                    f"on {self.run.plan.bus} for {SIGN_OF_LIFE_S:g} s"
+                )
+
+    def _send(self, frames: Frames) -> None:
+        for frame in frames:
+            self.bus.send(frame.tobytes())
+
+    def fly(self) -> None:
+        """Compile, wait for the computer, arm, fly, stop, take its report."""
+        run = self.run
+        start_s = time.perf_counter()
+        run.waiting("compiling the flight loop for this processor, once")
+        self.chunk(0)
+        hear_boot(run.harness, np.zeros(1, FRAME), 0)
+        run.harness["port"]["rx"]["counted"] = 0
+        run.harness["port"]["frames_received"] = 0
+        self.await_computer()
+        run.compile_s = time.perf_counter() - start_s
+        run.waiting("")
+        try:
+            self._send(run.request(ARM))
+            run.fly(lambda: self.chunk(run.chunk_cycles))
+            if run.outcome not in (BUS_LOST, COMPUTER_SILENT):
+                self._send(run.request(STOP))
+        except OSError:
+            run.outcome = BUS_LOST
+        if self.computer is not None and run.outcome not in (BUS_LOST, COMPUTER_SILENT):
+            run.computer = self.computer.report()
+
+    def failure(self) -> str:
+        """Why a flight without an answer ended, in a sentence; empty for any other."""
+        run = self.run
+        t_s = float(run.harness["truth"]["t_s"][0])
+        if run.outcome == BUS_LOST:
+            return f"bus {run.plan.bus} was lost at {t_s:.2f} s of flight"
+        if run.outcome != COMPUTER_SILENT:
+            return ""
+        if self.computer is not None:
+            try:
+                self.computer.fail_if_ended()
+            except FlightError as error:
+                return f"{error}, at {t_s:.2f} s of flight"
+        return (
+            f"flight computer did not answer for {run.plan.reply_timeout_s:g} s, "
+            f"at {t_s:.2f} s of flight"
+        )
+
+
+def fly_bus(run: FlightRun) -> str:
+    """Fly over the bus of the plan; returns why it ended early, or an empty text."""
+    with ExitStack() as resources:
+        flight = BusFlight(run, resources)
+        flight.fly()
+        return flight.failure()

@@ -1,0 +1,65 @@
+"""What is told of a flight when it is over: summary.json's object."""
+
+import math
+from typing import Any
+
+from flight_sw.can.receiver import LOST, OK, VERDICTS
+from sim_harness.flight import FlightRun, verdicts
+
+NOT_REJECTED = {VERDICTS[OK], VERDICTS[LOST]}
+
+
+def rejected(counted: dict[str, int]) -> dict[str, int]:
+    """The refusals among a receiver's counters."""
+    return {k: n for k, n in counted.items() if k not in NOT_REJECTED}
+
+
+def summary_of(run: FlightRun) -> dict[str, Any]:
+    """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
+    harness = run.harness[0]
+    truth, metrics, port = harness["truth"], harness["metrics"], harness["port"]
+    by_computer = rejected(run.computer.get("verdicts", {}))
+    by_harness = rejected(verdicts(port["rx"]["counted"]))
+    flight_time_s = float(truth["t_s"])
+    return {
+        "mission": run.plan.mission.name,
+        "law": run.image.law,
+        "bus": run.plan.bus,
+        "pace": "lockstep",
+        "seed": run.plan.seed,
+        "outcome": run.outcome_text,
+        "flight_time_s": flight_time_s,
+        "heat_load_mjpm2": float(truth["heat_load_jpm2"]) / 1e6,
+        "ground_range_km": float(truth["ground_range_m"]) / 1e3,
+        "heat_flux_max_kwpm2": float(truth["heat_flux_max_wpm2"]) / 1e3,
+        "heat_flux_max_before_activation_kwpm2": float(metrics["heat_flux_max_before_wpm2"]) / 1e3,
+        "heat_flux_max_after_activation_kwpm2": float(metrics["heat_flux_max_after_wpm2"]) / 1e3,
+        "load_factor_max_g": float(truth["load_factor_max_g"]),
+        "dynamic_pressure_max_kpa": float(truth["dynamic_pressure_max_pa"]) / 1e3,
+        "heat_flux_error_mjpm2": float(metrics["heat_flux_error_jpm2"]) / 1e6,
+        "bank_effort_degs": math.degrees(float(metrics["bank_effort_rads"])),
+        "bank_reversals": int(metrics["bank_reversals"]),
+        "tracking_time_s": float(metrics["tracking_time_s"]),
+        "heat_flux_over_s": float(metrics["heat_flux_over_s"]),
+        "load_factor_over_s": float(metrics["load_factor_over_s"]),
+        "bank_saturated_s": float(metrics["bank_saturated_s"]),
+        "without_fix_s": float(metrics["without_fix_s"]),
+        "final_altitude_km": float(truth["alt_m"]) / 1e3,
+        "final_speed_mps": float(truth["v_rel_mps"]),
+        "final_longitude_deg": math.degrees(float(truth["lon_rad"])),
+        "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
+        "minor_frames": int(truth["minor_frames"]),
+        "frames_sent": int(port["frames_sent"]),
+        "frames_received": int(port["frames_received"]),
+        "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
+        "rejected_by_flight_computer": by_computer,
+        "rejected_by_harness": by_harness,
+        "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
+        "bus_rows_lost": int(harness["bus_rows_lost"]),
+        "command_sha256": run.command_sha256,
+        "load_crc32": f"0x{run.image.crc32:08x}",
+        "step_time_us": run.computer.get("step_time_us"),
+        "speedup": flight_time_s / run.wall_s if run.wall_s > 0.0 else 0.0,
+        "compile_s": round(run.compile_s, 3),
+        "computer_compile_s": run.computer.get("compile_s"),
+    }
