@@ -73,6 +73,8 @@ class FlightRun:
     outcome: int = FLYING
     compile_s: float = 0.0
     wall_s: float = 0.0
+    ended_by: str = ""
+    """What ended the flight from outside, in a word; empty if nothing did."""
     computer: dict[str, Any] = field(default_factory=dict)
     """The flight computer's report."""
 
@@ -141,7 +143,7 @@ class FlightRun:
     @property
     def outcome_text(self) -> str:
         """The outcome in words."""
-        return OTHER_OUTCOMES.get(self.outcome) or OUTCOMES[self.outcome]
+        return self.ended_by or OTHER_OUTCOMES.get(self.outcome) or OUTCOMES[self.outcome]
 
 
 def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.void]:

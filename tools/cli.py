@@ -1,0 +1,52 @@
+"""`aeroshell`: one verb an action, one file a verb. Results to stdout, everything else to stderr.
+
+Exit status: 0 done, 1 refused, 2 wrong usage, 130 interrupted.
+"""
+
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+import typer
+
+from flight_sw.errors import AeroshellError
+from tools.commands import fly, gains, missions
+
+REFUSED = 1
+INTERRUPTED = 130
+
+app = typer.Typer(
+    help="Atmospheric-entry guidance computer and the bench it is tested on.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command()(fly.fly)
+app.command()(missions.missions)
+app.command()(gains.gains)
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit status; a refusal is one sentence on stderr."""
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        app(args=arguments, standalone_mode=True)
+    except AeroshellError as error:
+        sys.stderr.write(f"aeroshell: {error}\n")
+        return REFUSED
+    except KeyboardInterrupt:
+        sys.stderr.write("aeroshell: interrupted\n")
+        return INTERRUPTED
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

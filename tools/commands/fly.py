@@ -1,0 +1,165 @@
+"""`aeroshell fly`: one flight, recorded and summarised."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from sim_harness.flight import FlightRun
+    from tools.overrides import Prepared
+
+RUNS = Path("runs")
+SUMMARY_NAME = "summary.json"
+RECORDING_NAME = "flight.mcap"
+
+
+def new_folder(out: Path | None, mission: str, law: str, force: bool) -> Path:
+    """The folder of this flight's files: the one named, or the next free one below runs/."""
+    from flight_sw.errors import FlightError
+
+    if out is None:
+        names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
+        out = next(RUNS / name for name in names if not (RUNS / name).exists())
+    elif not force:
+        for name in (SUMMARY_NAME, RECORDING_NAME):
+            if (out / name).exists():
+                raise FlightError(f"--out {out}: holds {name} already, --force replaces it")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
+    return out
+
+
+def _manifest(run: "FlightRun") -> dict[str, str]:
+    from importlib.metadata import version
+
+    plan = run.plan
+    return {
+        "project": "aeroshell",
+        "version": version("aeroshell"),
+        "mission": plan.mission.name,
+        "law": run.image.law,
+        "bus": plan.bus,
+        "seed": str(plan.seed),
+        "load_crc32": f"0x{run.image.crc32:08x}",
+        "command_line": " ".join(sys.argv),
+    }
+
+
+def _attachments(run: "FlightRun") -> dict[str, tuple[str, bytes]]:
+    from flight_sw import icd
+
+    mission = run.plan.mission.path
+    return {
+        icd.DBC_PATH.name: ("text/plain", icd.DBC_PATH.read_bytes()),
+        mission.name: ("application/toml", mission.read_bytes()),
+        f"{run.image.law}.load": ("application/octet-stream", run.plan.load_image),
+    }
+
+
+def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
+    """Fly a run to its end; returns why it ended early, or an empty text."""
+    from contextlib import ExitStack
+
+    from flight_sw.errors import AeroshellError
+    from sim_harness.bus_flight import fly_bus
+    from sim_harness.flight import fly_memory
+    from tools.recording import FlightRecorder
+
+    with ExitStack() as resources:
+        if folder is not None:
+            recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
+            resources.callback(lambda: recorder.close(run.outcome_text))
+            run.listeners.append(recorder)
+        try:
+            if run.plan.bus == "memory":
+                fly_memory(run)
+                return ""
+            return fly_bus(run)
+        except KeyboardInterrupt:
+            run.ended_by = "interrupted"
+            raise
+        except AeroshellError:
+            run.ended_by = "refused"
+            raise
+
+
+def fly(
+    mission: Annotated[str, typer.Argument(help="a shipped mission, or the path of a mission TOML")],
+    law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
+    bus: Annotated[
+        str, typer.Option(help="unix (two processes), unix:PATH of a running hub, or memory")
+    ] = "unix",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
+    ] = None,
+    load: Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="seed of everything random")] = 0,
+    out: Annotated[Path | None, typer.Option(help="folder of its files [default: below runs/]")] = None,
+    record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
+    force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
+    external_computer: Annotated[
+        bool,
+        typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
+    ] = False,
+) -> None:
+    """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
+    from flight_sw.errors import FlightError
+    from tools.overrides import prepare
+
+    prepared = prepare(mission, law, settings or [], load)
+    if bus != "memory" and bus != "unix" and not bus.startswith(("unix:", "socketcan:")):
+        raise FlightError(f"--bus {bus}: allowed are memory, unix, unix:PATH, socketcan:INTERFACE")
+    if external_computer and bus in ("memory", "unix"):
+        raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
+    _fly(prepared, bus, seed, new_folder(out, prepared.mission.name, prepared.law, force), record,
+         as_json, own_computer=not external_computer)  # fmt: skip
+
+
+def _fly(prepared: "Prepared", bus: str, seed: int, folder: Path, record: bool, as_json: bool,
+         own_computer: bool) -> None:  # fmt: skip
+    from flight_sw.errors import FlightError
+    from sim_harness.flight import FlightPlan, FlightRun
+    from sim_harness.summary import summary_of
+    from tools.gains.image import image_path, write_atomically
+    from tools.show import ProgressLine
+
+    load_path = prepared.load_path
+    if prepared.remade:
+        load_path = image_path(folder, prepared.law)
+        write_atomically(load_path, prepared.load_image)
+    plan = FlightPlan(
+        prepared.mission, prepared.law, prepared.load_image, load_path, bus, seed,
+        recorded=record, own_computer=own_computer,
+    )  # fmt: skip
+    with ProgressLine(prepared.mission, quiet=as_json) as line:
+        run = FlightRun(plan, [line])
+        try:
+            failure = fly_and_record(run, folder if record else None)
+        finally:
+            summary: dict[str, Any] = summary_of(run)
+            text = json.dumps(summary, indent=1)
+            write_atomically(folder / SUMMARY_NAME, (text + "\n").encode())
+    if as_json:
+        print(text)
+    if failure:
+        raise FlightError(failure)
+    if not as_json:
+        _show(summary, prepared, folder)
+    if summary["outcome"] != "end condition":
+        raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
+
+
+def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
+    from rich.console import Console
+
+    from tools.show import footnote, result_table
+
+    Console().print(result_table(summary, prepared.mission))
+    print(footnote(summary, f"{folder}/"))

@@ -1,0 +1,28 @@
+"""`aeroshell missions`: what is shipped."""
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def missions(
+    as_json: Annotated[bool, typer.Option("--json", help="print a JSON list")] = False,
+) -> None:
+    """List the shipped missions; a path of a mission TOML of your own flies as well."""
+    from sim_harness.mission import list_missions, load_mission
+    from tools.gains.image import DESIGN_NAME
+    from tools.gains.schema import read_tree
+
+    rows = []
+    for shipped in list_missions():
+        mission = load_mission(shipped.path)
+        design = mission.gains_folder / DESIGN_NAME
+        laws = list(read_tree(design).get("laws", [])) if design.is_file() else []
+        rows.append({"name": shipped.name, "title": shipped.title, "laws": laws})
+    if as_json:
+        print(json.dumps(rows, indent=1))
+        return
+    width = max(len(row["name"]) for row in rows)
+    for row in rows:
+        print(f"{row['name']:<{width}}  {row['title']}  (laws: {', '.join(row['laws'])})")

@@ -1,0 +1,122 @@
+"""`--set KEY=VALUE`: which key of the mission or of the gain design is meant, and what it changes.
+
+A mission key changes the world. Those that the flight computer is told of (the path limits and the
+rate) change its load too; a design key changes only the load, which is then made anew.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flight_sw.errors import DesignError, FlightError, MissionError
+from flight_sw.load_image import read_image
+from sim_harness.mission import (
+    Mission,
+    find,
+    leaf_keys,
+    load_mission,
+    read_toml,
+    resolve,
+    value_of,
+)
+from sim_harness.mission_errors import nearest
+from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
+from tools.gains.schema import Design, read_tree
+
+DESIGN_PREFIX = "design."
+TOLD_TO_THE_COMPUTER = ("limits.", "guidance.rate_hz")
+NOT_SETTABLE = ("name", "title", "source", "design.mission", "design.laws", "guidance.law")
+
+
+class Prepared(NamedTuple):
+    """What a flight needs, overrides applied."""
+
+    mission: Mission
+    law: str
+    load_image: bytes
+    load_path: Path
+    remade: bool
+    """The load was made for this flight, it is not the stored one."""
+
+
+def parse(settings: list[str]) -> dict[str, str]:
+    """KEY=VALUE texts as a mapping."""
+    pairs = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key or not value:
+            raise MissionError(f"--set {setting}: allowed is KEY=VALUE")
+        pairs[key.strip()] = value.strip()
+    return pairs
+
+
+def _split(
+    pairs: dict[str, str], raw: dict[str, Any], tree: dict[str, Any]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Overrides of the mission and of the design, under their full names."""
+    known = leaf_keys(Mission, raw)
+    known += [DESIGN_PREFIX + key for key in leaf_keys(Design, tree)]
+    known = [key for key in known if key not in NOT_SETTABLE]
+    mission, design = {}, {}
+    for key, value in pairs.items():
+        full = resolve(key, known)
+        if full.startswith(DESIGN_PREFIX):
+            design[full.removeprefix(DESIGN_PREFIX)] = value
+        else:
+            mission[full] = value
+    return mission, design
+
+
+def _is_told(key: str) -> bool:
+    return key.startswith(TOLD_TO_THE_COMPUTER)
+
+
+def _remade(
+    folder: Path, law: str, mission_file: Path, told: dict[str, str], changes: dict[str, str]
+) -> bytes:
+    """The image of a law for a mission and design with overrides."""
+    path = folder / DESIGN_NAME
+    tree = read_tree(path)
+    for key, value in changes.items():
+        *parents, leaf = key.split(".")
+        table = tree
+        for parent in parents:
+            table = table.setdefault(parent, {})
+        table[leaf] = value_of(value)
+    design = checked_design(path, tree)
+    return make(law, design, load_mission(mission_file, told), path).raw
+
+
+def prepare(
+    target: str, law: str | None, settings: list[str], load: Path | None
+) -> Prepared:
+    """Mission, law and load image of a flight; raises AeroshellError with what is wrong."""
+    file = find(target)
+    plain = load_mission(file)
+    folder = plain.gains_folder
+    has_design = (folder / DESIGN_NAME).is_file()
+    tree = read_tree(folder / DESIGN_NAME) if has_design else {}
+    world, changes = _split(parse(settings), read_toml(file), tree)
+    mission = load_mission(file, world) if world else plain
+    if load is not None:
+        if changes:
+            raise FlightError(f"--load {load}: a given load takes no design key ({list(changes)})")
+        image = read_image(load)
+        if law is not None and image.law != law:
+            raise FlightError(f"--load {load}: is for law '{image.law}', --law says '{law}'")
+        return Prepared(mission, image.law, load.read_bytes(), load, False)
+    chosen = law or mission.guidance.law
+    designed = list(tree.get("laws", []))
+    if not has_design:
+        raise DesignError(f"{folder / DESIGN_NAME} does not exist: mission {plain.name} has no gains")
+    if chosen not in designed:
+        raise FlightError(
+            f"law '{chosen}' is not designed for {plain.name}{nearest(chosen, designed)}; "
+            f"allowed {', '.join(designed)}"
+        )
+    told = {k: v for k, v in world.items() if _is_told(k)}
+    path = image_path(folder, chosen)
+    if told or changes:
+        return Prepared(mission, chosen, _remade(folder, chosen, file, told, changes), path, True)
+    if not path.is_file():
+        raise DesignError(f"{path} does not exist, `aeroshell gains {target}` makes it")
+    return Prepared(mission, chosen, path.read_bytes(), path, False)

@@ -1,0 +1,111 @@
+"""How a flight is shown on a terminal: a progress line while it flies, a table when it is over."""
+
+import sys
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from flight_sw.modes import MODES
+from sim_harness.mission import Mission
+from tools.published import published
+
+RowDefinition = tuple[str, str, str]
+
+ROWS: tuple[RowDefinition, ...] = (
+    ("heat load", "heat_load_mjpm2", "MJ/m2"),
+    ("ground range", "ground_range_km", "km"),
+    ("peak heat flux", "heat_flux_max_kwpm2", "kW/m2"),
+    ("  after activation", "heat_flux_max_after_activation_kwpm2", "kW/m2"),
+    ("peak load factor", "load_factor_max_g", "g"),
+    ("heat-flux error", "heat_flux_error_mjpm2", "MJ/m2"),
+    ("bank effort", "bank_effort_degs", "deg s"),
+    ("flight time", "flight_time_s", "s"),
+)
+
+
+class ProgressLine:
+    """A progress bar over the energy to be lost; shown only where stderr is a terminal."""
+
+    def __init__(self, mission: Mission, quiet: bool) -> None:
+        self.console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[state]}"),
+            console=self.console,
+            disable=quiet or not sys.stderr.isatty(),
+            transient=True,
+        )
+        self._quiet = quiet
+        self._said = ""
+        self._from_mps = mission.entry.speed_mps
+        self._to_mps = mission.end.speed_mps
+        self._task = self._progress.add_task(mission.name, total=1.0, state="")
+
+    def __enter__(self) -> "ProgressLine":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
+        """Nothing to show of single frames."""
+
+    def progress(self, harness: npt.NDArray[np.void]) -> None:
+        """Mission time, mode, speed, heat flux and bank."""
+        truth, port = harness["truth"][0], harness["port"][0]
+        lost = (self._from_mps - truth["v_rel_mps"]) / max(self._from_mps - self._to_mps, 1.0)
+        state = (
+            f"{truth['t_s']:7.1f} s  {MODES[int(port['mode'])]:<8} {truth['v_rel_mps']:6.0f} m/s  "
+            f"{truth['heat_flux_wpm2'] / 1e3:7.1f} kW/m2  bank {np.degrees(truth['bank_rad']):6.1f} deg"
+        )
+        self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
+
+    def waiting(self, text: str) -> None:
+        """Say what is waited for: on the bar, or once a line where there is none."""
+        self._progress.update(self._task, state=text)
+        kind = text.partition("(")[0]
+        if text and self._progress.disable and not self._quiet and kind != self._said:
+            sys.stderr.write(f"{kind.strip()}\n")
+        self._said = kind
+
+
+def result_table(summary: dict[str, Any], mission: Mission) -> Table:
+    """The result, beside the published numbers where there are any."""
+    row = published(mission.name, summary["law"], mission.limits.heat_flux_max_kwpm2)
+    source = row.source if row else ""
+    table = Table(title=f"{mission.title}: law {summary['law']}, {summary['outcome']}")
+    table.add_column("")
+    table.add_column("flown", justify="right")
+    if row:
+        table.add_column(source, justify="right")
+        table.add_column("deviation", justify="right")
+    table.add_column("unit")
+    for label, key, unit in ROWS:
+        cells = [label, f"{summary[key]:,.2f}"]
+        if row:
+            reference = getattr(row, key, None)
+            cells += (
+                [f"{reference:,.1f}", f"{summary[key] / reference - 1.0:+.2%}"]
+                if reference is not None
+                else ["", ""]
+            )
+        table.add_row(*cells, unit)
+    return table
+
+
+def footnote(summary: dict[str, Any], folder: str) -> str:
+    """One line on how it was flown and where it lies."""
+    step = summary["step_time_us"]
+    timing = f"step p50 {step['p50']:.1f} us, p99.9 {step['p999']:.1f} us; " if step else ""
+    return (
+        f"{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
+        f"{summary['frames_rejected']} frames rejected; {timing}"
+        f"{summary['speedup']:,.0f} times real time; commands {summary['command_sha256'][:16]}; "
+        f"{folder}"
+    )
