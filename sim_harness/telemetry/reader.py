@@ -1,0 +1,178 @@
+"""Reads a recording whole, complete or not, and checks every byte that has a checksum.
+
+A file without a footer was not finished: what its whole chunks hold is read, and `is_complete`
+is false. A wrong checksum anywhere else than at the torn end of such a file is damage, and refused.
+"""
+
+import functools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw import icd
+from flight_sw.errors import RecordingError
+from sim_harness.telemetry.decode import Decoder, messages_of
+from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
+from sim_harness.telemetry.schema import log_schema, message_class, record_dtype
+from sim_harness.telemetry.unpack import Contents, Topic, read_contents
+from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
+from sim_harness.telemetry.writer import (
+    FORMAT,
+    FRAMES_TOPIC,
+    LOG_TOPIC,
+    MANIFEST,
+    OUTCOME,
+    PROFILE,
+    TRUTH_TOPIC,
+)
+
+Rows = npt.NDArray[np.void]
+F8 = npt.NDArray[np.float64]
+I8 = npt.NDArray[np.int64]
+
+NS_PER_S = 1_000_000_000
+DBC_SUFFIX = ".dbc"
+
+
+def open_recording(path: Path | str) -> "Recording":
+    """Read a recording; a file that is none, is foreign or damaged is refused in one sentence."""
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read, {error.strerror}") from error
+    contents = read_contents(path.name, content)
+    if contents.profile != PROFILE:
+        found = f"has profile '{contents.profile}'" if contents.profile else "has no profile"
+        raise RecordingError(
+            f"{path.name}: an MCAP file of another project, it {found}, ours is '{PROFILE}'"
+        )
+    if MANIFEST not in contents.metadata:
+        raise RecordingError(f"{path.name}: ends before its manifest, nothing of a flight is in it")
+    written = contents.metadata[MANIFEST].get("format", "missing")
+    if written != FORMAT:
+        raise RecordingError(f"{path.name}: format is {written}, this reader knows {FORMAT}")
+    return Recording(path, contents)
+
+
+class Recording:
+    """One flight as it was recorded."""
+
+    def __init__(self, path: Path, contents: Contents) -> None:
+        self.path = path
+        self._contents = contents
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the recorder finished the file."""
+        return self._contents.is_complete
+
+    @property
+    def manifest(self) -> Mapping[str, str]:
+        """What was flown, with what."""
+        return self._contents.metadata[MANIFEST]
+
+    @property
+    def outcome(self) -> Mapping[str, str]:
+        """How the flight ended; empty when the file is incomplete."""
+        return self._contents.metadata.get(OUTCOME, {})
+
+    @property
+    def attachments(self) -> Mapping[str, bytes]:
+        """The attached files by name."""
+        return self._contents.attachments
+
+    def attachment(self, name: str) -> bytes:
+        """One attached file; `name` may be a suffix such as `.load`."""
+        found = [n for n in self.attachments if n == name or (name[:1] == "." and n.endswith(name))]
+        if len(found) != 1:
+            there = ", ".join(self.attachments) or "nothing"
+            raise RecordingError(f"{self.path.name}: has no attachment {name}, attached is {there}")
+        return self.attachments[found[0]]
+
+    @functools.cached_property
+    def decoder(self) -> Decoder:
+        """Reads this recording's frames, through the DBC that came with it."""
+        return Decoder(messages_of(self.attachment(DBC_SUFFIX)))
+
+    @property
+    def has_our_dbc(self) -> bool:
+        """Whether it was recorded with the DBC of this version."""
+        return self.attachment(DBC_SUFFIX) == icd.DBC_PATH.read_bytes()
+
+    @property
+    def until_s(self) -> float:
+        """Mission time of the last message."""
+        return self._contents.last_ns / NS_PER_S
+
+    @functools.cached_property
+    def bus(self) -> Rows:
+        """All CAN frames in bus order, as BUS_LOG."""
+        return np.concatenate([np.zeros(0, BUS_LOG), *self.bus_chunks()])
+
+    def bus_chunks(self) -> Iterator[Rows]:
+        """The CAN frames chunk by chunk, as BUS_LOG."""
+        for blob, starts, sizes in self._topic(FRAMES_TOPIC).pieces:
+            yield _bus_rows(blob, starts, sizes)
+
+    @functools.cached_property
+    def missing_minor_frames(self) -> int:
+        """Minor frames that the recorder dropped, as the gaps in their numbering tell."""
+        numbers = self._topic(FRAMES_TOPIC).sequences()
+        return int(numbers[-1]) + 1 - len(numbers) if len(numbers) else 0
+
+    @functools.cached_property
+    def truth(self) -> Rows:
+        """The sampled truth, nested fields flattened; empty when none was recorded."""
+        topic = self._topic(TRUTH_TOPIC)
+        if topic.schema is None:
+            return np.zeros(0, np.dtype([("t_s", "f8")]))
+        dtype = record_dtype(topic.schema)
+        tagged = [(f"tag_{n}", f"V{1 if n < 16 else 2}") for n in range(1, len(dtype) + 1)]
+        wire = [part for pair in zip(tagged, dtype.descr, strict=True) for part in pair]
+        payloads = np.frombuffer(b"".join(topic.payloads()), np.dtype(wire))
+        out = np.zeros(len(payloads), dtype)
+        for name in dtype.names or ():
+            out[name] = payloads[name]
+        return out
+
+    @functools.cached_property
+    def log(self) -> list[LogLine]:
+        """The log in the order in which it was written."""
+        line = message_class(log_schema())
+        lines = []
+        for payload in self._topic(LOG_TOPIC).payloads():
+            read = line.FromString(payload)
+            t_s = read.timestamp.ToNanoseconds() / NS_PER_S
+            lines.append(LogLine(t_s, LogLevel(read.level), read.message))
+        return lines
+
+    @functools.cached_property
+    def _slots(self) -> I8:
+        return self.decoder.slots(self.bus)
+
+    def message(self, name: str) -> tuple[F8, dict[str, F8 | I8]]:
+        """Every good frame of a CAN message: mission times, and values by signal."""
+        slot = self.decoder.slot(name)
+        rows = self.bus[self._slots == slot]
+        return rows["t_s"], self.decoder.columns(slot, rows["frame"]["data"])
+
+    def _topic(self, name: str) -> Topic:
+        return self._contents.topics.get(name) or Topic(None, [])
+
+
+def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
+    """Frames of aeroshell.CanFrames messages, which the recorder lays out in one way alone."""
+    octets = np.frombuffer(blob, np.uint8)
+    times = starts[:, None] + np.arange(HEAD_BYTES + 1, HEAD_BYTES + 1 + WORD_BYTES)
+    t_s = octets[times].view(np.float64)[:, 0]
+    bodies = HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
+    spans = zip((starts + bodies).tolist(), (starts + sizes).tolist(), strict=True)
+    frames = b"".join([blob[a:b] for a, b in spans])
+    frame = BUS_LOG["frame"]
+    rows = np.zeros(len(frames) // frame.itemsize, BUS_LOG)
+    rows["frame"] = np.frombuffer(frames, frame)
+    rows["t_s"] = np.repeat(t_s, (sizes - bodies) // frame.itemsize)
+    return rows
