@@ -15,6 +15,7 @@ from sim_harness.world.heating import heat_flux
 from sim_harness.world.motion import aero_accelerations, step, wrapped
 from sim_harness.world.planet.gravity import haversine_m, jacobi_energy
 from sim_harness.world.records import (
+    AERO_TABLE,
     END_CONDITION,
     FLYING,
     GROUND,
@@ -26,16 +27,21 @@ from sim_harness.world.records import (
 
 @kernel
 def hold(world: Record, truth: Record, bank_rad: float, alpha_rad: float) -> None:
-    """Fixes the attitude the forces are computed with."""
-    aero = world["aerodynamics"]
-    mach = truth["v_rel_mps"] / sound_speed(world["atmosphere"], truth["alt_m"])
-    lift_area_m2, drag_area_m2 = areas(aero, alpha_rad, mach)
+    """Fixes the attitude the forces are computed with; areas only follow a changed alpha."""
     held = truth["held"]
     held["cos_bank"] = math.cos(bank_rad)
     held["sin_bank"] = math.sin(bank_rad)
+    if alpha_rad != held["alpha_rad"]:
+        hold_areas(world, held, alpha_rad)
+
+
+@kernel
+def hold_areas(world: Record, held: Record, alpha_rad: float) -> None:
+    """Fixes the angle of attack and, for models without Mach number, the areas that go with it."""
+    aero = world["aerodynamics"]
     held["alpha_rad"] = alpha_rad
-    held["lift_area_m2"] = lift_area_m2
-    held["drag_area_m2"] = drag_area_m2
+    if aero["model"] != AERO_TABLE:
+        held["lift_area_m2"], held["drag_area_m2"] = areas(aero, alpha_rad, 0.0)
 
 
 @kernel
@@ -101,13 +107,15 @@ def advance(world: Record, truth: Record, bank_cmd_rad: float, alpha_cmd_rad: fl
     )
     truth["minor_frames"] += 1
     truth["t_s"] = truth["minor_frames"] * world["dt_s"]
-    hold(world, truth, truth["bank_rad"], truth["alpha_rad"])
+    if truth["alpha_rad"] != truth["held"]["alpha_rad"]:
+        hold_areas(world, truth["held"], truth["alpha_rad"])
     outputs(world, truth)
 
 
 @kernel
 def start(world: Record, truth: Record) -> None:
     """Fills the derived fields of an initial state."""
+    hold_areas(world, truth["held"], truth["alpha_rad"])
     hold(world, truth, truth["bank_rad"], truth["alpha_rad"])
     outputs(world, truth)
 

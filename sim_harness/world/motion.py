@@ -5,8 +5,10 @@ relative to the rotating planet, and the air turns with it. One RK4 step per min
 load is integrated with the motion.
 
 Limits: spherical coordinates are singular at the poles and in vertical flight. Three floors keep
-the rates finite there; they have no effect further than 6 m from a pole, 0.006 deg from the
-vertical, and above 1 m/s.
+the rates finite there; they have no effect further than 6 m from a pole of the Earth, 0.006 deg
+from the vertical, and above 1 m/s. Vertical entry over the turning Earth is 2 m off at 28 km. A
+frame's step cannot follow the heading past a pole it misses by less than about 100 m: 13 m off at
+60 m, 600 m off at 6 m, nothing when it goes right over it.
 """
 
 import math

@@ -105,7 +105,7 @@ HELD = np.dtype(
         ("cos_bank", "f8"),
         ("sin_bank", "f8"),
         ("alpha_rad", "f8"),
-        ("lift_area_m2", "f8"),  # C_L S; with a table in Mach refreshed at every stage instead
+        ("lift_area_m2", "f8"),  # C_L S; a table in Mach is looked up at every stage instead
         ("drag_area_m2", "f8"),
     ],
     align=True,
