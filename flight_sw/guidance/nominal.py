@@ -90,13 +90,13 @@ def path_angle_command(constant: float, n: float, v_mps: float, k_kgpm2: float, 
 
     [MOOIJ18] Eq. 12 with V^2 + n g Hs (printed with a minus and an a), Eq. 13 as printed.
     """
-    v_n = math.pow(v_mps, n - 2.0) * (v_mps * v_mps + n * g_mps2 * h_s_m)
+    v_n3 = math.pow(v_mps, n - 3.0)
+    v_n = v_n3 * v_mps * (v_mps * v_mps + n * g_mps2 * h_s_m)
     sin_gamma = -constant * n * h_s_m / (2.0 * k_kgpm2 * v_n)
     sin_gamma = min(max(sin_gamma, -SIN_GAMMA_MAX), SIN_GAMMA_MAX)
     gamma_rad = math.asin(sin_gamma)
     slope = (
-        constant * n * n * h_s_m
-        * (math.pow(v_mps, n - 1.0) + g_mps2 * h_s_m * (n - 2.0) * math.pow(v_mps, n - 3.0))
+        constant * n * n * h_s_m * v_n3 * (v_mps * v_mps + g_mps2 * h_s_m * (n - 2.0))
         / (2.0 * k_kgpm2 * v_n * v_n * math.cos(gamma_rad))
     )
     return gamma_rad, slope
@@ -233,17 +233,18 @@ def advance(design: Record, onboard: Record, atmosphere: Record, state: Record, 
     if v_mps < V_MIN_MPS:
         return status.DOMAIN
     rho_kgpm3 = forces["rho_kgpm3"]
+    if state["phase"] < HEAT_FLUX:
+        before = state["phase"]
+        v_cubed = v_mps * v_mps * v_mps
+        _watch_peak(design, state, nav["heat_flux_wpm2"], rho_kgpm3 * v_cubed * v_cubed)
+        if before == PRE_PEAK and state["phase"] != PRE_PEAK:
+            alpha_rad = design["alpha_after_peak_rad"]
+            modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
     drag_mps2 = forces["drag_mps2"]
     lift_mps2 = forces["lift_mps2"]
     state["load_factor_g"] = (
         math.sqrt(drag_mps2 * drag_mps2 + lift_mps2 * lift_mps2) / onboard["planet"]["g0_mps2"]
     )
-    if state["phase"] < HEAT_FLUX:
-        before = state["phase"]
-        _watch_peak(design, state, nav["heat_flux_wpm2"], rho_kgpm3 * math.pow(v_mps, N_HEAT_FLUX))
-        if before == PRE_PEAK and state["phase"] != PRE_PEAK:
-            alpha_rad = design["alpha_after_peak_rad"]
-            modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
     state["alpha_rad"] = alpha_rad
     if state["phase"] < HEAT_FLUX:
         state["flow_exponent"] = N_HEAT_FLUX
