@@ -148,7 +148,7 @@ def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
         n = recvmmsg(fd, io["messages_address"], limit, RECEIVE_FLAGS, 0)
         if n < 0:
             code = last_errno()
-            if code == EINTR or code == ECONNRESET:
+            if code in (EINTR, ECONNRESET):
                 continue  # a reset is told once, before the frames that lie in front of it
             return 0 if code == EAGAIN else BUS_LOST
         kept = _keep_frames(io, n, frames)

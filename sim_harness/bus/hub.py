@@ -1,0 +1,198 @@
+"""A CAN bus between processes without a kernel module: a hub of seqpacket connections.
+
+Every packet is one `struct can_frame` and goes unchanged to every other client, in one order for
+all of them. A client that does not read is given QUEUE_FRAMES of patience; what comes beyond is
+dropped for that client alone, and counted. Frames move in compiled code with the interpreter's
+lock released; Python only takes in new clients and closes those that left.
+"""
+
+import contextlib
+import errno
+import os
+import socket
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from flight_sw.can.sockets import BATCH, UNIX_PATH_MAX_BYTES, new_io
+from flight_sw.dictionary import FRAME
+from flight_sw.errors import BusError
+from sim_harness.bus.pump import (
+    ACCEPT,
+    CLIENTS_MAX,
+    CLOSED,
+    FREE,
+    GONE,
+    LISTENER,
+    OPEN,
+    QUEUE_FRAMES,
+    STOP,
+    WAKE,
+    new_hub,
+    pump,
+)
+
+BACKLOG = 16
+SEND_BUFFER_BYTES = 1 << 20  # asked for; the system may grant less
+STOP_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class HubStats:
+    """What the hub has moved since it was started."""
+
+    clients: int
+    connections: int
+    frames_received: int
+    frames_sent: int
+    frames_dropped: int
+    packets_refused: int
+
+
+def _is_live(path: Path) -> bool:
+    """Whether somebody listens on the socket file."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError as error:
+            return error.errno != errno.ECONNREFUSED
+        return True
+
+
+def _listen(path: Path) -> socket.socket:
+    """The listening socket on `path`; a socket file left by a dead hub is removed first."""
+    size = len(os.fsencode(path))
+    if size > UNIX_PATH_MAX_BYTES:
+        raise BusError(
+            f"{path}: path of {size} bytes, a socket's has at most {UNIX_PATH_MAX_BYTES}"
+        )
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        if path.is_socket() and not _is_live(path):
+            path.unlink()
+        listener.bind(str(path))
+        listener.listen(BACKLOG)
+        listener.setblocking(False)
+    except OSError as error:
+        listener.close()
+        raise BusError(f"{path}: {_refusal(error, path)}") from error
+    return listener
+
+
+def _refusal(error: OSError, path: Path) -> str:
+    if error.errno == errno.EADDRINUSE and path.is_socket():
+        return "in use by another hub"
+    if error.errno == errno.EADDRINUSE:
+        return "exists and is not a socket"
+    if error.errno == errno.ENOENT:
+        return f"folder {path.parent} does not exist"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return f"no permission to create a socket in {path.parent}"
+    return error.strerror or str(error)
+
+
+class Hub:
+    """A running bus on a socket file: `with Hub(path) as hub: ...`, or start() and stop().
+
+    A prompt hub interrupts a busy processor for the first frame of a burst: for real time. Any
+    other lets the sender finish its burst first, and moves it with half the context switches.
+    """
+
+    def __init__(self, path: str | Path, *, prompt: bool = False) -> None:
+        self.path = Path(path)
+        self.prompt = prompt
+        self._hub = new_hub()
+        self._queues = np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME)
+        self._io = new_io()
+        self._frames = np.zeros(BATCH, FRAME)
+        self._clients: dict[int, socket.socket] = {}
+        self._connections = 0
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> "Hub":
+        """Listen, and move frames from here on; everything is compiled when this returns."""
+        self._listener = _listen(self.path)
+        self._inode = self.path.stat().st_ino
+        self._waker, self._wake = socket.socketpair()
+        self._hub["fd"][0, WAKE] = self._wake.fileno()
+        self._hub["fd"][0, LISTENER] = self._listener.fileno()
+        self._waker.send(b"\0")
+        self._pump()  # compiles; returns at once because of the byte
+        self._wake.recv(1)
+        self._thread = threading.Thread(target=self._run, name="bus-hub", daemon=True)
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        """Close every connection and remove the socket file; calling it twice does no harm."""
+        if self._thread is None:
+            return
+        self._waker.send(b"\0")
+        self._thread.join(STOP_TIMEOUT_S)
+        self._thread = None
+        for one in (*self._clients.values(), self._listener, self._waker, self._wake):
+            one.close()
+        self._clients.clear()
+        with contextlib.suppress(FileNotFoundError):
+            if self.path.stat().st_ino == self._inode:
+                self.path.unlink()
+
+    def __enter__(self) -> "Hub":
+        return self.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @property
+    def stats(self) -> HubStats:
+        """Totals so far."""
+        hub = self._hub[0]
+        return HubStats(
+            clients=len(self._clients),
+            connections=self._connections,
+            frames_received=int(hub["frames_received"]),
+            frames_sent=int(hub["frames_sent"]),
+            frames_dropped=int(hub["frames_dropped"]),
+            packets_refused=int(self._io["wrong_size"][0]),
+        )
+
+    def _pump(self) -> int:
+        return int(pump(self._hub, self._queues, self._io, self._frames))
+
+    def _run(self) -> None:
+        if not self.prompt:
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        while True:
+            events = self._pump()
+            if events & STOP:
+                return
+            if events & CLOSED:
+                self._close_gone()
+            if events & ACCEPT:
+                self._accept()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError, ConnectionAbortedError):
+            client, _ = self._listener.accept()
+            row = int(np.argmax(self._hub["client"][0]["state"] == FREE))
+            if self._hub["client"][0]["state"][row] != FREE:
+                client.close()
+                return
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+            self._connections += 1
+            self._clients[row] = client
+            self._hub["client"][0][row] = (client.fileno(), OPEN, 0, 0)
+
+    def _close_gone(self) -> None:
+        state = self._hub["client"][0]["state"]
+        for row in [row for row in self._clients if state[row] == GONE]:
+            self._clients.pop(row).close()
+            state[row] = FREE
