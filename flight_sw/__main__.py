@@ -11,7 +11,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse, boot, and turn a refusal into one sentence and exit status 1."""
     parser = argparse.ArgumentParser(
         prog="python -m flight_sw",
-        description="Flight computer: serves a CAN bus until it is told to stop or the bus is lost.",
+        description="Flight computer: serves a CAN bus until it is told to stop.",
     )
     parser.add_argument("--load", type=Path, required=True, help="load image to fly")
     parser.add_argument("--bus", required=True, help="unix:PATH or socketcan:INTERFACE")

@@ -174,4 +174,6 @@ def boot(load_path: Path, bus_address: str) -> None:
     sys.stdout.flush()
     computer.bus.close()
     if outcome == BUS_LOST:
-        raise FlightError(f"{bus_address}: the bus was lost after {computer.executive['cycles'][0]} cycles")
+        raise FlightError(
+            f"{bus_address}: the bus was lost after {computer.executive['cycles'][0]} cycles"
+        )

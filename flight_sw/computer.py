@@ -172,7 +172,7 @@ def _take_fix(load: Record, state: Record) -> None:
         complete = complete and fresh[slot] == counter
     if counter != NO_SLOT:
         state["time_refused"] = 0
-        state["cycle"] = int(math.floor(accepted[gate.T] / load["dt_s"] + 0.5))
+        state["cycle"] = math.floor(accepted[gate.T] / load["dt_s"] + 0.5)
         if not complete:
             state["incomplete_sets"] += 1
     else:
@@ -208,7 +208,7 @@ def _guide(load: Record, state: Record) -> None:
     """Run the law where the mode says so; otherwise the wanted command stays what it was."""
     out = state["guidance"]
     mode = state["mode"]
-    if mode == modes.STANDBY or mode == modes.COAST:
+    if mode in (modes.STANDBY, modes.COAST):
         out["bank_cmd_rad"] = load["modes"]["coast_bank_rad"]
         out["alpha_cmd_rad"] = load["modes"]["coast_alpha_rad"]
         out["tracking"] = 0
@@ -232,7 +232,7 @@ def _limit_commands(load: Record, state: Record) -> None:
     alpha_code = limit(out["alpha_cmd_rad"], load["dt_s"], load["alpha_limits"], alpha)
     state["bank_saturated"] = 1 if bank_code == status.SATURATED else 0
     state["alpha_saturated"] = 1 if alpha_code == status.SATURATED else 0
-    if bank_code == status.NONFINITE or alpha_code == status.NONFINITE:
+    if status.NONFINITE in (bank_code, alpha_code):
         out["status"] = status.NONFINITE
     sent[BANK_CMD] = bank["command_rad"]
     sent[ALPHA_CMD] = alpha["command_rad"]

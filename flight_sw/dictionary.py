@@ -22,7 +22,7 @@ FRAME = np.dtype(
 CAN_ID_MASK = 0x7FF  # classical 11-bit identifier
 CAN_FLAGS_MASK = 0xE0000000  # extended, remote and error flags: never set in our frames
 TICK_ID = 0xFFFFFFFF
-"""Not a bus frame: the executive's word to `minor_frame` that a cycle passed without a time message.
+"""Not a bus frame: the executive tells `minor_frame` that a cycle passed without a time message.
 A frame with this identifier that arrives from the bus is dropped by the executive."""
 
 RX_CAPACITY = 64  # frames handed to one call of minor_frame

@@ -6,7 +6,8 @@ and comes back to Python a few times a second so that signals are seen.
 
 import numpy as np
 
-from flight_sw.can.sockets import monotonic_ns, recv_frames, send_frames
+from flight_sw.can.libc import monotonic_ns
+from flight_sw.can.sockets import recv_frames, send_frames
 from flight_sw.computer import minor_frame
 from flight_sw.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.histogram import HISTOGRAM, add
@@ -43,11 +44,19 @@ def _drop_false_ticks(rx: Frames, n_rx: int, executive: Record) -> int:
 
 
 @kernel
-def serve(fd: int, io: Frames, load: Frames, state: Frames, executive: Frames, rx: Frames,
-          tx: Frames, slice_ns: int) -> int:
+def serve(
+    fd: int,
+    io: Frames,
+    load: Frames,
+    state: Frames,
+    executive: Frames,
+    rx: Frames,
+    tx: Frames,
+    slice_ns: int,
+) -> int:
     """Serve the bus for about `slice_ns`; returns RUNNING, STOPPED or BUS_LOST.
 
-    `io`, `load`, `state`, `executive` have shape (1,); a slice of zero compiles and touches everything.
+    The records have shape (1,). A slice of zero compiles and touches everything.
     """
     end_ns = monotonic_ns() + slice_ns
     wait_ms = max(slice_ns // 1_000_000, 1)

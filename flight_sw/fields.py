@@ -1,4 +1,4 @@
-"""Record types with an allowed range for every field: the one list from which dtype and checks come."""
+"""Record types with an allowed range for every field: one list gives the dtype and the checks."""
 
 from typing import NamedTuple
 
@@ -30,11 +30,8 @@ class RecordSpec:
     def __init__(self, name: str, *fields: Field) -> None:
         self.name = name
         self.fields = fields
-        self.dtype = np.dtype(
-            [
-                (f.name, f.record.dtype if f.record else np.dtype(f.kind), f.shape)
-                for f in fields
-            ],
+        self.dtype: np.dtype[np.void] = np.dtype(
+            [(f.name, f.record.dtype if f.record else np.dtype(f.kind), f.shape) for f in fields],
             align=True,
         )
 
@@ -59,7 +56,9 @@ class RecordSpec:
             for i, value in enumerate(values):
                 if not field.low <= value <= field.high:
                     place = path if values.size == 1 else f"{path}[{i}]"
-                    raise LoadError(f"{place} is {value:g}, allowed {field.low:g} to {field.high:g}")
+                    raise LoadError(
+                        f"{place} is {value:g}, allowed {field.low:g} to {field.high:g}"
+                    )
 
     @staticmethod
     def _check_rows(record: Record, field: Field, values: np.ndarray, path: str) -> None:

@@ -34,8 +34,7 @@ def add(histogram: Record, duration_ns: int) -> None:
     bins[bin_of(duration_ns)] += 1
     histogram["n"] += 1
     histogram["sum_ns"] += duration_ns
-    if duration_ns > histogram["max_ns"]:
-        histogram["max_ns"] = duration_ns
+    histogram["max_ns"] = max(histogram["max_ns"], duration_ns)
 
 
 def upper_edge_ns(index: int) -> int:
@@ -52,7 +51,8 @@ def percentiles_us(histogram: Record) -> dict[str, float]:
     cumulated = np.cumsum(histogram["bins"], dtype=np.int64)
     longest_ns = int(histogram["max_ns"])
     result = {
-        name: min(upper_edge_ns(int(np.searchsorted(cumulated, fraction * total))), longest_ns) / 1e3
+        name: min(upper_edge_ns(int(np.searchsorted(cumulated, fraction * total))), longest_ns)
+        / 1e3
         for name, fraction in FRACTIONS.items()
     }
     return {**result, "max": longest_ns / 1e3}

@@ -17,13 +17,13 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import config
 
 from flight_sw.kernel_cache import serialise_saves
 
 CACHE_VARIABLE = "AEROSHELL_CACHE_DIR"
 SOURCE_SUFFIXES = (".py", ".dbc")
 FLIGHT_ROOT = Path(__file__).parent
+config: Any = numba.config
 FOLDERS_KEPT = 12  # versions of the sources whose kernels stay cached, most recently used first
 
 

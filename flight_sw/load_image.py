@@ -125,8 +125,14 @@ def image_bytes(law: str, mission: str, body: npt.NDArray[np.void]) -> bytes:
     body_spec(law).check(body[0], f"{law}.load")
     header = np.zeros(1, HEADER)
     header[0] = (
-        MAGIC, VERSION, body.nbytes, law.encode(), mission.encode()[:32],
-        layout_hash(law).encode(), 0, 0,
+        MAGIC,
+        VERSION,
+        body.nbytes,
+        law.encode(),
+        mission.encode()[:32],
+        layout_hash(law).encode(),
+        0,
+        0,
     )
     header["crc32"] = zlib.crc32(header.tobytes() + body.tobytes())
     return header.tobytes() + body.tobytes()

@@ -79,7 +79,11 @@ def _coefficient(aero: Record, column: Record, row: int, col: int, wa: float, wm
 
 @kernel
 def modelled_forces(
-    onboard: Record, atmosphere: Record, alt_m: float, v_rel_mps: float, alpha_rad: float,
+    onboard: Record,
+    atmosphere: Record,
+    alt_m: float,
+    v_rel_mps: float,
+    alpha_rad: float,
     forces: Record,
 ) -> None:
     """Density, gravity, drag and lift accelerations as the load knows them; writes `forces`.
@@ -130,4 +134,6 @@ def heat_flux(onboard: Record, rho_kgpm3: float, v_rel_mps: float) -> float:
 def specific_energy(planet: Record, alt_m: float, v_rel_mps: float) -> float:
     """Kinetic plus potential energy relative to the reference sphere at rest, J/kg."""
     radius_m = planet["radius_m"]
-    return 0.5 * v_rel_mps * v_rel_mps + planet["mu_m3ps2"] * alt_m / (radius_m * (radius_m + alt_m))
+    return 0.5 * v_rel_mps * v_rel_mps + planet["mu_m3ps2"] * alt_m / (
+        radius_m * (radius_m + alt_m)
+    )

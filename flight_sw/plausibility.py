@@ -101,6 +101,23 @@ def _motion(gates: Record, state: Record, slot: int, values: F8, span_s: float) 
 
 
 @kernel
+def _sensed(gates: Record, nav: Record, slot: int, values: F8, cycles: int, span_s: float) -> bool:
+    """Sensed accelerations and heat flux near those of the last fix."""
+    if slot == AERO:
+        margin_mps2 = gates["sensed_margin_mps2"] * cycles
+        ratio = gates["sensed_ratio"] * cycles
+        return (
+            abs(values[DRAG] - nav["drag_mps2"]) <= ratio * nav["drag_mps2"] + margin_mps2
+            and abs(values[LIFT] - nav["lift_mps2"]) <= ratio * nav["lift_mps2"] + margin_mps2
+        )
+    reach_wpm2 = (
+        gates["heat_flux_ratio_ps"] * span_s * nav["heat_flux_wpm2"]
+        + gates["heat_flux_margin_wpm2"] * cycles
+    )
+    return slot != HEATING or abs(values[HEAT_FLUX] - nav["heat_flux_wpm2"]) <= reach_wpm2
+
+
+@kernel
 def plausible(load: Record, state: Record, slot: int, values: F8) -> bool:
     """Whether message `slot`, decoded in `values`, can follow the last accepted fix."""
     if state["had_fix"] == 0:
@@ -109,24 +126,11 @@ def plausible(load: Record, state: Record, slot: int, values: F8) -> bool:
     nav = state["nav"]
     cycles = state["cycles_without_fix"] + 1
     span_s = cycles * load["dt_s"]
-    if slot == POSITION or slot == VERTICAL or slot == DIRECTION:
+    if slot in (POSITION, VERTICAL, DIRECTION):
         return _motion(gates, state, slot, values, span_s)
     if slot == TIME:
         step_s = values[T] - nav["t_s"]
         return 0.5 * load["dt_s"] <= step_s <= span_s + TIME_SLACK_CYCLES * load["dt_s"]
-    if slot == AERO:
-        margin_mps2 = gates["sensed_margin_mps2"] * cycles
-        ratio = gates["sensed_ratio"] * cycles
-        return (
-            abs(values[DRAG] - nav["drag_mps2"]) <= ratio * nav["drag_mps2"] + margin_mps2
-            and abs(values[LIFT] - nav["lift_mps2"]) <= ratio * nav["lift_mps2"] + margin_mps2
-        )
-    if slot == HEATING:
-        reach_wpm2 = (
-            gates["heat_flux_ratio_ps"] * span_s * nav["heat_flux_wpm2"]
-            + gates["heat_flux_margin_wpm2"] * cycles
-        )
-        return abs(values[HEAT_FLUX] - nav["heat_flux_wpm2"]) <= reach_wpm2
     if slot == ATTITUDE:
         return _attitude(gates, state, values)
-    return True
+    return _sensed(gates, nav, slot, values, cycles, span_s)

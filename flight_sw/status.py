@@ -4,8 +4,8 @@
 | --- | --- | --- | --- |
 | OK | - | - | - |
 | SATURATED | info | a command or a cosine left its range | uses the nearest allowed value |
-| NONFINITE | error | NaN or infinity in a navigation field or a law's output | holds the last command |
-| NO_FIX | warning | the navigation set of this cycle is missing or inconsistent | holds the last command |
+| NONFINITE | error | NaN or infinity in a command | holds the last command |
+| NO_FIX | warning | navigation set missing or inconsistent | holds the last command |
 | TABLE_RANGE | info | a table was asked outside its range | uses the edge value |
 | DOMAIN | warning | a division or root outside its domain | uses the guarded value |
 """

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.can.codec import CODEC
-from flight_sw.can.sockets import monotonic_ns, recv_frames, send_frames
+from flight_sw.can.libc import monotonic_ns
+from flight_sw.can.sockets import recv_frames, send_frames
 from flight_sw.computer import COMMAND, minor_frame
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import add
@@ -82,9 +83,8 @@ def _log_frame(harness: Record, logs: Logs, frame: Record) -> None:
         row["t_s"] = harness["truth"]["t_s"]
         _copy_frame(row["frame"], frame)
         harness["n_bus"] += 1
-    if (
-        frame["can_id"] == harness["codec"]["can_id"][COMMAND]
-        and harness["n_commands"] < len(logs.commands)
+    if frame["can_id"] == harness["codec"]["can_id"][COMMAND] and harness["n_commands"] < len(
+        logs.commands
     ):
         _copy_frame(logs.commands[harness["n_commands"]], frame)
         harness["n_commands"] += 1
@@ -145,8 +145,16 @@ def _close_cycle(harness: Record) -> int:
 
 
 @kernel
-def fly_in_memory(harnesses: Frames, loads: Frames, states: Frames, step_times: Frames,
-                  rx: Frames, tx: Frames, logs: Logs, cycles: int) -> int:
+def fly_in_memory(
+    harnesses: Frames,
+    loads: Frames,
+    states: Frames,
+    step_times: Frames,
+    rx: Frames,
+    tx: Frames,
+    logs: Logs,
+    cycles: int,
+) -> int:
     """Fly up to `cycles` minor frames with the computer's minor frame called directly."""
     harness = harnesses[0]
     load = loads[0]

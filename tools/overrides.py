@@ -86,9 +86,7 @@ def _remade(
     return make(law, design, load_mission(mission_file, told), path).raw
 
 
-def prepare(
-    target: str, law: str | None, settings: list[str], load: Path | None
-) -> Prepared:
+def prepare(target: str, law: str | None, settings: list[str], load: Path | None) -> Prepared:
     """Mission, law and load image of a flight; raises AeroshellError with what is wrong."""
     file = find(target)
     plain = load_mission(file)
@@ -107,7 +105,9 @@ def prepare(
     chosen = law or mission.guidance.law
     designed = list(tree.get("laws", []))
     if not has_design:
-        raise DesignError(f"{folder / DESIGN_NAME} does not exist: mission {plain.name} has no gains")
+        raise DesignError(
+            f"{folder / DESIGN_NAME} does not exist: mission {plain.name} has no gains"
+        )
     if chosen not in designed:
         raise FlightError(
             f"law '{chosen}' is not designed for {plain.name}{nearest(chosen, designed)}; "

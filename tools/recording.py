@@ -1,4 +1,4 @@
-"""Ties the recorder to a flight: what the loop logs goes into the recording, events into its log."""
+"""Ties the recorder to a flight: what the loop logs is recorded, events go into its log."""
 
 import sys
 from pathlib import Path

@@ -62,7 +62,8 @@ class ProgressLine:
         lost = (self._from_mps - truth["v_rel_mps"]) / max(self._from_mps - self._to_mps, 1.0)
         state = (
             f"{truth['t_s']:7.1f} s  {MODES[int(port['mode'])]:<8} {truth['v_rel_mps']:6.0f} m/s  "
-            f"{truth['heat_flux_wpm2'] / 1e3:7.1f} kW/m2  bank {np.degrees(truth['bank_rad']):6.1f} deg"
+            f"{truth['heat_flux_wpm2'] / 1e3:7.1f} kW/m2  "
+            f"bank {np.degrees(truth['bank_rad']):6.1f} deg"
         )
         self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
 

@@ -42,6 +42,6 @@ def _law_step(load: Any, state: Any, nav: Any, out: Any) -> Any:
     chosen = _law_of(load.fields).step
 
     def compiled(load: Record, state: Record, nav: Record, out: Record) -> int:
-        return chosen(load, state, nav, out)  # type: ignore[no-any-return]
+        return chosen(load, state, nav, out)
 
     return compiled

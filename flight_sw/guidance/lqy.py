@@ -54,8 +54,7 @@ def heat_flux_error(design: Record, loop: Record, inner: Record, nav: Record) ->
     if not abs(error_wpm2) < loop["band_ratio"] * set_point_wpm2:
         return 0.0
     lead_m = (
-        loop["lead_s"] * nav["v_rel_mps"]
-        * (nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"])
+        loop["lead_s"] * nav["v_rel_mps"] * (nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"])
     )
     # dq/dh = -q / 2 Hs, the first column of C in [MOOIJ18] Eq. 29 applied to the lead.
     led_wpm2 = error_wpm2 - q_wpm2 * lead_m / (2.0 * design["scale_height_m"])

@@ -84,8 +84,9 @@ def smooth_step(x: float) -> float:
 
 
 @kernel
-def path_angle_command(constant: float, n: float, v_mps: float, k_kgpm2: float, g_mps2: float,
-                       h_s_m: float) -> tuple[float, float]:
+def path_angle_command(
+    constant: float, n: float, v_mps: float, k_kgpm2: float, g_mps2: float, h_s_m: float
+) -> tuple[float, float]:
     """Flight-path angle that keeps rho V^n, and its slope over speed.
 
     [MOOIJ18] Eq. 12 with V^2 + n g Hs (printed with a minus and an a), Eq. 13 as printed.
@@ -96,7 +97,12 @@ def path_angle_command(constant: float, n: float, v_mps: float, k_kgpm2: float, 
     sin_gamma = min(max(sin_gamma, -SIN_GAMMA_MAX), SIN_GAMMA_MAX)
     gamma_rad = math.asin(sin_gamma)
     slope = (
-        constant * n * n * h_s_m * v_n3 * (v_mps * v_mps + g_mps2 * h_s_m * (n - 2.0))
+        constant
+        * n
+        * n
+        * h_s_m
+        * v_n3
+        * (v_mps * v_mps + g_mps2 * h_s_m * (n - 2.0))
         / (2.0 * k_kgpm2 * v_n * v_n * math.cos(gamma_rad))
     )
     return gamma_rad, slope
@@ -162,8 +168,9 @@ def _gamma_correction(design: Record, state: Record, gamma_rad: float, dt_s: flo
 
 
 @kernel
-def _tracking_bank(design: Record, onboard: Record, state: Record, nav: Record, constant: float,
-                   dt_s: float) -> tuple[float, int]:
+def _tracking_bank(
+    design: Record, onboard: Record, state: Record, nav: Record, constant: float, dt_s: float
+) -> tuple[float, int]:
     """Bank that follows the path law, with the PD of [MOOIJ18] Eq. 23, and a status."""
     forces = state["forces"]
     planet = onboard["planet"]
@@ -191,7 +198,10 @@ def _tracking_bank(design: Record, onboard: Record, state: Record, nav: Record, 
         -g_mps2 * cos_gc
         + 2.0 * omega_radps * v_mps * cos_lat * sin_heading
         + v_mps * v_mps / radius_m * cos_gc
-        + omega_radps * omega_radps * radius_m * cos_lat
+        + omega_radps
+        * omega_radps
+        * radius_m
+        * cos_lat
         * (cos_lat * cos_gc + sin_gc * sin_lat * cos_heading)
     )
     # [MOOIJ18] Eq. 16 with the factor V it lacks on the slope; the PID without it (as printed).
@@ -218,8 +228,9 @@ def _tracking_bank(design: Record, onboard: Record, state: Record, nav: Record, 
 
 
 @kernel
-def advance(design: Record, onboard: Record, atmosphere: Record, state: Record, nav: Record,
-            dt_s: float) -> int:
+def advance(
+    design: Record, onboard: Record, atmosphere: Record, state: Record, nav: Record, dt_s: float
+) -> int:
     """One step of the nominal guidance: leaves its command in `state`, returns a status.
 
     The forces are the load's model at the angle of attack commanded last.
@@ -273,6 +284,8 @@ def report(state: Record, out: Record) -> None:
 @kernel
 def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     """One guidance step of law `nominal`."""
-    code = advance(load["law"], load["onboard"], load["atmosphere"], state, nav, load["guidance_dt_s"])
+    code = advance(
+        load["law"], load["onboard"], load["atmosphere"], state, nav, load["guidance_dt_s"]
+    )
     report(state, out)
     return code

@@ -89,7 +89,10 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
 
 
 def fly(
-    mission: Annotated[str, typer.Argument(help="a shipped mission, or the path of a mission TOML")],
+    mission: Annotated[
+        str, typer.Argument(help="a shipped mission, or the path of a mission TOML")
+    ],
+    *,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: Annotated[
         str, typer.Option(help="unix (two processes), unix:PATH of a running hub, or memory")
@@ -98,9 +101,13 @@ def fly(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
     ] = None,
-    load: Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")] = None,
+    load: Annotated[
+        Path | None, typer.Option(help="load image to fly instead of the gains'")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="seed of everything random")] = 0,
-    out: Annotated[Path | None, typer.Option(help="folder of its files [default: below runs/]")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder of its files [default: below runs/]")
+    ] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
@@ -114,7 +121,7 @@ def fly(
     from tools.overrides import prepare
 
     prepared = prepare(mission, law, settings or [], load)
-    if bus != "memory" and bus != "unix" and not bus.startswith(("unix:", "socketcan:")):
+    if bus not in ("memory", "unix") and not bus.startswith(("unix:", "socketcan:")):
         raise FlightError(f"--bus {bus}: allowed are memory, unix, unix:PATH, socketcan:INTERFACE")
     if external_computer and bus in ("memory", "unix"):
         raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")

@@ -14,7 +14,7 @@ def gains(
         bool, typer.Option("--check", help="write nothing; exit 1 if what is stored differs")
     ] = False,
 ) -> None:
-    """Design the gains of every law in a design.toml; write load images and provenance beside it."""
+    """Design the gains of each law of a design.toml; write load images and provenance beside it."""
     from tools.gains.image import design_path, differences, image_path, make_all, write
 
     path = design_path(target)
@@ -24,7 +24,9 @@ def gains(
             found += differences(path.parent, made)
         else:
             write(path.parent, made)
-        print(f"{image_path(path.parent, made.law)}  crc32 0x{made.crc32:08x}  {len(made.raw)} bytes")
+        print(
+            f"{image_path(path.parent, made.law)}  crc32 0x{made.crc32:08x}  {len(made.raw)} bytes"
+        )
     for difference in found:
         sys.stderr.write(f"aeroshell: {difference}\n")
     if found:

@@ -31,7 +31,7 @@ class Filled(NamedTuple):
 
 
 def _aero_table(aero: Record, world: Record) -> None:
-    """The mission's coefficients as the computer's table: its own grid if it is one, else sampled."""
+    """The mission's coefficients as the computer's table: on their own grid, or sampled."""
     truth = world["aerodynamics"]
     if truth["model"] == AERO_TABLE:
         alphas = np.array(truth["alpha_rad"][: truth["n_alpha"]])

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import nominal
-from flight_sw.onboard import FORCES, modelled_forces, specific_energy
+from flight_sw.onboard import FORCES, heat_flux, modelled_forces, specific_energy
 from flight_sw.types_ import Record
 from tools.gains.schema import Lqy
 
@@ -78,13 +78,8 @@ class Along:
 
     def heat_flux_wpm2(self, altitude_m: float, speed_mps: float) -> float:
         """Modelled heat flux."""
-        heating = self.onboard["heating"]
         rho_kgpm3 = float(self.model(altitude_m, speed_mps)["rho_kgpm3"])
-        return float(
-            heating["coefficient"]
-            * rho_kgpm3 ** float(heating["rho_exponent"])
-            * speed_mps ** float(heating["v_exponent"])
-        )
+        return float(heat_flux(self.onboard, rho_kgpm3, speed_mps))
 
     def load_factor_g(self, altitude_m: float, speed_mps: float) -> float:
         """Modelled load factor."""
@@ -108,7 +103,9 @@ class Along:
                     f"lqy.speeds_mps: at {speed_mps:g} m/s the limit lies above "
                     f"{HIGHEST_ALTITUDE_M / 1e3:g} km"
                 )
-            return float(brentq(excess, LOWEST_ALTITUDE_M, HIGHEST_ALTITUDE_M, xtol=1e-9, rtol=1e-14))
+            return float(
+                brentq(excess, LOWEST_ALTITUDE_M, HIGHEST_ALTITUDE_M, xtol=1e-9, rtol=1e-14)
+            )
 
         by_heat = where(float(self.design["heat_flux_max_wpm2"]), "heat_flux_wpm2")
         by_load = where(float(self.design["load_factor_max_g"]), "load_factor_g")
@@ -169,13 +166,25 @@ class Along:
         )
         energy = specific_energy(self.onboard["planet"], altitude_m, speed_mps)
         point = OperatingPoint(
-            speed_mps, rounded(altitude_m), rounded(energy), rounded(q_wpm2), rounded(load_g),
-            rounded(math.degrees(gamma_rad)), rounded(math.degrees(bank_rad)), 0.0, 0.0, [], 0.0, 0.0,
+            speed_mps,
+            rounded(altitude_m),
+            rounded(energy),
+            rounded(q_wpm2),
+            rounded(load_g),
+            rounded(math.degrees(gamma_rad)),
+            rounded(math.degrees(bank_rad)),
+            0.0,
+            0.0,
+            [],
+            0.0,
+            0.0,
         )
         return a, b, c, point
 
 
-def regulator(a: Matrix, b: Matrix, output: Matrix, error_max: float, bank_max_rad: float) -> Matrix:
+def regulator(
+    a: Matrix, b: Matrix, output: Matrix, error_max: float, bank_max_rad: float
+) -> Matrix:
     """State gain of the output regulator with Bryson's weights, from the Riccati equation."""
     q = np.outer(output, output) / error_max**2
     r = np.array([[1.0 / bank_max_rad**2]])

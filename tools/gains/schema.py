@@ -102,9 +102,7 @@ class Nominal(Section):
     k_flow_p_rad: Annotated[float, Quantity("rad", -10.0, 10.0, "Eq. 23")]
     k_flow_d_heat_flux_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]
     k_flow_d_load_rads: Annotated[float, Quantity("rad s", -10.0, 10.0, "Eq. 23")]
-    transition_start_ratio: Annotated[
-        float, Quantity("-", 0.01, 0.99, "of the load limit, Eq. 18")
-    ]
+    transition_start_ratio: Annotated[float, Quantity("-", 0.01, 0.99, "of the load limit, Eq. 18")]
     transition_duration_s: Annotated[float, Quantity("s", 0.1, 1e3, "Eq. 21")]
     release_exponent: Annotated[
         float, Quantity("-", 2.0, 6.0, "heat-flux tracking ends below this n")
