@@ -27,6 +27,18 @@ LIMITER = RecordSpec(
 
 
 @kernel
+def stoppable_rate(distance_rad: float, step_radps: float, dt_s: float) -> float:
+    """Largest rate for the next frame from which the axis still stops within a distance.
+
+    It slows down by at most `step_radps` a frame: with k frames of that before the last one, the
+    way is (k + 1) rate - k (k + 1) / 2 step, each times the frame.
+    """
+    steps = distance_rad / (step_radps * dt_s)
+    k = math.floor(0.5 * (math.sqrt(1.0 + 8.0 * steps) - 1.0))
+    return step_radps * (steps / (k + 1.0) + 0.5 * k)
+
+
+@kernel
 def limit(wanted_rad: float, dt_s: float, limits: Record, limiter: Record) -> int:
     """Move the axis' command towards `wanted_rad` as fast as its limits allow.
 
@@ -53,10 +65,8 @@ def limit(wanted_rad: float, dt_s: float, limits: Record, limiter: Record) -> in
     rate_prev_radps = limiter["rate_radps"]
     rate_radps = (target_rad - previous_rad) / dt_s
     step_radps = limits["accel_max_radps2"] * dt_s
-    reach_radps = limits["rate_max_radps"]
-    # A finite deceleration must be able to stop at the target: v^2 / 2a of the way left.
-    brake_radps = math.sqrt(2.0 * limits["accel_max_radps2"] * abs(target_rad - previous_rad))
-    reach_radps = min(reach_radps, max(brake_radps, step_radps))
+    brake_radps = stoppable_rate(abs(target_rad - previous_rad), step_radps, dt_s)
+    reach_radps = min(limits["rate_max_radps"], brake_radps)
     rate_radps = min(max(rate_radps, -reach_radps), reach_radps)
     rate_radps = min(max(rate_radps, rate_prev_radps - step_radps), rate_prev_radps + step_radps)
     moved_rad = previous_rad + rate_radps * dt_s
