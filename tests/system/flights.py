@@ -1,0 +1,218 @@
+"""Loads, pieces of flight and recorded frames that tests of the flight computer share.
+
+A piece is Hyperion-1 started late: at a state near its heat-flux peak, on the heat-flux limit, or
+where the load limit takes over, so that a few seconds show what takes minutes from entry.
+"""
+
+import functools
+import hashlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw import icd
+from flight_sw.computer import ARM, new_state
+from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.histogram import HISTOGRAM
+from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
+from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
+from sim_harness.loop import HARNESS, Logs, fly_in_memory
+from sim_harness.mission import Mission, load_mission
+from sim_harness.port import put_request
+from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.world.records import TRUTH
+from tools.gains.body import fill_body
+from tools.gains.schema import Design, design_of, read_tree
+
+ROOT = Path(__file__).resolve().parents[2]
+MISSION = "hyperion-1"
+DESIGN_PATH = ROOT / "gains" / MISSION / "design.toml"
+LAWS = ("nominal", "lqy")
+
+PIECES: dict[str, dict[str, float | str]] = {
+    "entry": {},
+    "peak": {
+        "entry.altitude_km": 68.85,
+        "entry.speed_mps": 7500.0,
+        "entry.flight_path_angle_deg": -0.225,
+        "entry.angle_of_attack_deg": 45.0,
+    },
+    "tracking": {
+        "entry.altitude_km": 58.48,
+        "entry.speed_mps": 6033.0,
+        "entry.flight_path_angle_deg": -0.4,
+        "entry.angle_of_attack_deg": 45.0,
+    },
+    "hand-over": {
+        "entry.altitude_km": 53.6,
+        "entry.speed_mps": 5400.0,
+        "entry.flight_path_angle_deg": -0.5,
+        "entry.angle_of_attack_deg": 45.0,
+    },
+}
+"""Entry states: overrides of the mission."""
+
+FSW = icd.NODES.index("FSW")
+NAV_FRAMES = 7  # a navigation set: six messages and the time
+
+Frames = npt.NDArray[np.void]
+
+
+class Built(NamedTuple):
+    """A mission and the load that is designed for it."""
+
+    mission: Mission
+    law: str
+    raw: bytes
+    image: LoadImage
+    load: npt.NDArray[np.void]
+
+
+@functools.cache
+def design() -> Design:
+    """The shipped design of Hyperion-1."""
+    return design_of(read_tree(DESIGN_PATH), DESIGN_PATH.name)
+
+
+@functools.cache
+def built(law: str, piece: str = "entry", heat_flux_max_kwpm2: float = 1700.0) -> Built:
+    """Mission and load of one law, started as a piece says."""
+    overrides = {**PIECES[piece], "heat_flux_max_kwpm2": heat_flux_max_kwpm2}
+    mission = load_mission(MISSION, overrides)
+    raw = image_bytes(law, MISSION, fill_body(law, design(), mission).body)
+    image = parse_image(raw, law)
+    return Built(mission, law, raw, image, activate(image))
+
+
+def run_of(made: Built, path: Path, bus: str = "memory", **plan: Any) -> FlightRun:
+    """A flight ready to be flown; its load is written to `path` for a flight computer to read."""
+    path.write_bytes(made.raw)
+    return FlightRun(FlightPlan(made.mission, made.law, made.raw, path, bus, **plan), [])
+
+
+def flown(made: Built, path: Path) -> FlightRun:
+    """A whole flight in memory, without a recording."""
+    run = run_of(made, path, recorded=False)
+    fly_memory(run)
+    return run
+
+
+class Computer:
+    """A flight computer whose frames are handed over one call at a time."""
+
+    def __init__(self, made: Built, armed: bool = True) -> None:
+        self.made = made
+        self.state = new_state(made.law)
+        self.tx = np.zeros(TX_CAPACITY, FRAME)
+        if armed:
+            self.feed(request(made, ARM))
+
+    def feed(self, frames: Frames, most: int = RX_CAPACITY) -> Frames:
+        """Hand frames over, at most so many a call; everything that was answered."""
+        answers = [np.zeros(0, FRAME)]
+        for start in range(0, len(frames), most):
+            part = np.ascontiguousarray(frames[start : start + most])
+            answers.append(self.call(part))
+        return np.concatenate(answers)
+
+    def call(self, frames: Frames) -> Frames:
+        """One call of the minor frame."""
+        n = hand_over(self.made.load, self.state, frames, len(frames), self.tx)
+        return self.tx[:n].copy()
+
+    @property
+    def counted(self) -> dict[str, int]:
+        """Verdicts on frames so far that are not zero."""
+        from sim_harness.flight import verdicts
+
+        return {k: n for k, n in verdicts(self.state["rx"]["counted"][0]).items() if n}
+
+
+class World:
+    """The harness's side of a flight in memory, flown in steps with every frame kept."""
+
+    def __init__(self, made: Built, cycles: int) -> None:
+        self.made = made
+        self.run = FlightRun(
+            FlightPlan(made.mission, made.law, made.raw, Path(made.law), "memory", recorded=False),
+            [],
+        )
+        self.harness = self.run.harness
+        self.step_time = np.zeros(1, HISTOGRAM)
+        self.logs = Logs(
+            np.zeros(cycles + TX_CAPACITY, FRAME),
+            np.zeros((cycles + 20) * 16, BUS_LOG),
+            np.zeros(cycles + 1, TRUTH),
+        )
+        self.harness["truth_divider"] = 1
+        self.rx = np.zeros(RX_CAPACITY, FRAME)
+        self.tx = np.zeros(TX_CAPACITY, FRAME)
+
+    def fly(self, computer: Computer, cycles: int) -> int:
+        """Fly on by so many cycles with this computer's state; the outcome."""
+        return int(
+            fly_in_memory(
+                self.harness, self.made.load, computer.state, self.step_time, self.rx, self.tx,
+                self.logs, cycles,
+            )
+        )  # fmt: skip
+
+    @property
+    def frames(self) -> Frames:
+        """Every frame so far, in bus order."""
+        return self.logs.bus[: int(self.harness["n_bus"][0])]["frame"]
+
+    @property
+    def truth(self) -> Frames:
+        """The truth at the start of every cycle so far."""
+        return self.logs.truth[: int(self.harness["n_truth"][0])]
+
+
+class Recorded(NamedTuple):
+    """What went over the bus of a flight in memory."""
+
+    made: Built
+    navigation: Frames  # (cycles, NAV_FRAMES)
+    answers: Frames  # all frames of the flight computer in order
+    truth: Frames  # at the start of each cycle
+
+
+def is_from_computer(frames: Frames) -> npt.NDArray[np.bool_]:
+    """Which frames carry identifiers that the flight computer sends."""
+    ids = [m.can_id for m in icd.LAYOUT if m.sender == "FSW"]
+    return np.isin(frames["can_id"], ids)
+
+
+@functools.cache
+def recorded(law: str, piece: str, cycles: int) -> Recorded:
+    """The frames of the first cycles of a piece, flown closed loop."""
+    made = built(law, piece)
+    world = World(made, cycles)
+    world.fly(Computer(made), cycles)
+    frames = world.frames.copy()
+    answers = is_from_computer(frames)
+    navigation = frames[~answers].reshape(-1, NAV_FRAMES)
+    return Recorded(made, navigation, frames[answers], world.truth.copy())
+
+
+def request(made: Built, code: int, key: int | None = None, counter: int = 0) -> Frames:
+    """One ground request frame; the key is the load's unless another is given."""
+    harness = np.zeros(1, HARNESS)
+    harness["codec"] = made.load["codec"]
+    harness["port"]["request_counter"] = counter
+    frames = np.zeros(1, FRAME)
+    crc32 = made.image.crc32 if key is None else key
+    put_request(harness["codec"][0], harness["port"][0], code, crc32, frames)
+    return frames
+
+
+def commands(frames: Frames) -> Frames:
+    """The command frames among frames."""
+    return frames[frames["can_id"] == icd.layout("FSW_COMMAND").can_id]
+
+
+def sha256(frames: Frames) -> str:
+    """Hash over frames, byte for byte."""
+    return hashlib.sha256(frames.tobytes()).hexdigest()
