@@ -63,6 +63,8 @@ class Batch(NamedTuple):
     truth: list[Rows]
     log: list[LogLine]
     gap: Gap
+    size: int
+    """Bytes that leave the queue when it is written."""
 
 
 class Recorder:
@@ -153,16 +155,24 @@ class Recorder:
     # --- the thread's side -------------------------------------------------------------------
 
     def _run(self) -> None:
+        reason = "the recorder itself failed"  # unless one of the following says better
         try:
             self._write_all()
-        except (OSError, AeroshellError) as error:
-            reason = error.strerror if isinstance(error, OSError) else str(error)
-            self.failure = f"{self.path.name}: recording ended at {self._last_s:.3f} s, {reason}"
-            if self._on_failure:
-                self._on_failure(self.failure)
+            reason = ""
+        except OSError as error:
+            reason = error.strerror or str(error)
+        except AeroshellError as error:
+            reason = str(error)
         finally:
             self._writer.close()
-            self._queue.clear()
+            if reason:
+                self._fail(reason)
+
+    def _fail(self, reason: str) -> None:
+        self.failure = f"{self.path.name}: recording ended at {self._last_s:.3f} s, {reason}"
+        self._queue.clear()
+        if self._on_failure:
+            self._on_failure(self.failure)
 
     def _write_all(self) -> None:
         is_last = False
@@ -173,6 +183,8 @@ class Recorder:
             while batch := self._take():
                 self._writer.write(batch.bus, batch.truth, batch.log)
                 self._writer.skip(batch.gap.minor_frames)
+                with self._lock:
+                    self._waiting_bytes -= batch.size
         counts = {
             "dropped_frames": str(self.dropped.frames),
             "dropped_minor_frames": str(self.dropped.minor_frames),
@@ -183,19 +195,17 @@ class Recorder:
 
     def _take(self) -> Batch | None:
         """What one chunk can hold of the queue; a gap ends a chunk."""
-        batch = Batch([], [], [], NO_GAP)
-        taken = 0
+        batch = Batch([], [], [], NO_GAP, 0)
         with self._lock:
             if not self._queue and self._gap is not NO_GAP:
                 self._queue.append(("gap", self._gap, 0))
                 self._gap = NO_GAP
-            while self._queue and taken < CHUNK_BYTES:
+            while self._queue and batch.size < CHUNK_BYTES:
                 kind, item, size = self._queue.popleft()
-                taken += size
+                batch = batch._replace(size=batch.size + size)
                 if isinstance(item, Gap):
                     batch.log.append(item.line())
                     batch = batch._replace(gap=item)
                     break
                 getattr(batch, kind).append(item)
-            self._waiting_bytes -= taken
         return batch if batch.bus or batch.truth or batch.log else None

@@ -125,7 +125,7 @@ class TruthTelemetry:
 
     def _words(self, rows: Rows) -> U8:
         if self._is_words:
-            return rows.view(np.uint64).reshape(len(rows), -1)
+            return rows.view(np.uint64).reshape(len(rows), len(self._paths))
         words = np.zeros((len(rows), len(self._paths)), np.uint64)
         for i, path in enumerate(self._paths):
             column = rows
