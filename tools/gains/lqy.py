@@ -8,10 +8,8 @@ or on the load limit where that is higher in the sky, at the path angle and bank
 import math
 from dataclasses import asdict, dataclass
 
-import control
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import nominal
@@ -90,6 +88,8 @@ class Along:
 
     def altitude_m(self, speed_mps: float) -> tuple[float, float]:
         """Altitude where the first of the two limits is met, and the exponent n of that limit."""
+
+        from scipy.optimize import brentq
 
         def where(value: float, name: str) -> float:
             def excess(altitude_m: float) -> float:
@@ -186,6 +186,8 @@ def regulator(
     a: Matrix, b: Matrix, output: Matrix, error_max: float, bank_max_rad: float
 ) -> Matrix:
     """State gain of the output regulator with Bryson's weights, from the Riccati equation."""
+    import control  # slow to import: a flight with stored gains does not wait for it
+
     q = np.outer(output, output) / error_max**2
     r = np.array([[1.0 / bank_max_rad**2]])
     gain, _, _ = control.lqr(a, b, q, r)
@@ -194,6 +196,8 @@ def regulator(
 
 def margins(a: Matrix, b: Matrix, row: Matrix) -> tuple[float, float]:
     """Lower gain margin (0: none below) and phase margin in degrees of the scalar loop."""
+    import control
+
     loop = control.ss(a, b, row.reshape(1, 2), 0.0)
     gain_margin, phase_margin, *_ = control.margin(loop)
     low = float(gain_margin) if math.isfinite(gain_margin) and gain_margin < 1.0 else 0.0
