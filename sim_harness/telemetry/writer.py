@@ -6,7 +6,7 @@
 | /can/<message> | aeroshell.<message> | sampled, frames with a right checksum alone |
 | /truth | aeroshell.Truth | sampled |
 | /location | foxglove.LocationFix | sampled, of the truth |
-| /log | foxglove.Log | every line |
+| /log | foxglove.Log | every line, and the events that the bus tells of |
 
 log_time is mission time. The sequence number of /bus/frames counts minor frames, so that a gap
 shows even where the recorder had no chance to say so.
@@ -22,6 +22,7 @@ import numpy.typing as npt
 from flight_sw.errors import RecordingError
 from sim_harness.telemetry.container import Container
 from sim_harness.telemetry.decode import Decoder, Sampler, messages_of
+from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLine
 from sim_harness.telemetry.schema import (
     can_layout,
@@ -86,15 +87,17 @@ class CanTelemetry:
         self._sampler = Sampler(rate_hz, len(messages))
         self._encoder = RowEncoder([layout_template(layout) for layout in layouts], channels)
         self._forms = layout_forms(layouts)
+        self._events = Events(self._decoder)
 
-    def encode(self, rows: Rows, t_ns: U8) -> Block:
-        """Samples of the messages in these frames."""
+    def encode(self, rows: Rows, t_ns: U8) -> tuple[Block, list[LogLine]]:
+        """Samples of the messages in these frames, and the events that they tell of."""
         slots = self._decoder.slots(rows)
+        lines = self._events.lines(rows, slots)
         picked = self._sampler.pick(rows["t_s"], slots)
         slots = slots[picked]
         raw, physical = self._decoder.values(slots, rows["frame"]["data"][picked])
         words = field_words(slots, raw, physical, self._forms)
-        return self._encoder.encode(slots, t_ns[picked], words)
+        return self._encoder.encode(slots, t_ns[picked], words), lines
 
 
 class TruthTelemetry:
@@ -181,15 +184,17 @@ class RecordingWriter:
     def write(self, bus: Sequence[Rows], truth: Sequence[Rows], log: Sequence[LogLine]) -> None:
         """Write what has come in as one chunk."""
         blocks: list[Block] = []
+        events: list[LogLine] = []
         if bus:
             rows = np.concatenate(bus)
             t_ns = nanoseconds(rows["t_s"])
             frames = encode_frames(rows, t_ns, FRAMES_CHANNEL, self._minor_frames)
             self._minor_frames += len(frames.offsets)
-            blocks += [frames, self._can.encode(rows, t_ns)]
+            samples, events = self._can.encode(rows, t_ns)
+            blocks += [frames, samples]
         if truth:
             blocks += self._encode_truth(np.concatenate(truth))
-        blocks += [self._encode_line(line) for line in log]
+        blocks += [self._encode_line(line) for line in (*events, *log)]
         blocks = [block for block in blocks if block.blob]
         if blocks:
             self._file.add_chunk(blocks)

@@ -1,5 +1,6 @@
 """Small flights to record: frames packed by cantools, so that nothing under test made them."""
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,28 @@ def values_of(message: Any, cycle: int) -> dict[str, float]:
     return found
 
 
+def packed(name: str, values: dict[str, float], cycle: int) -> int:
+    """A protected frame word with these values."""
+    data = DATABASE.get_message_by_name(name).encode(values, strict=True)
+    word = np.uint64(int.from_bytes(data, "little"))
+    return int(e2e.protect(CODEC, icd.slot(name), word, cycle % 16))
+
+
+@functools.cache
 def word_of(name: str, cycle: int) -> int:
-    """A protected frame word of a message."""
-    message = DATABASE.get_message_by_name(name)
-    word = int.from_bytes(message.encode(values_of(message, cycle), strict=True), "little")
-    return int(e2e.protect(CODEC, icd.slot(name), np.uint64(word), cycle % 16))
+    """A protected frame word of a message with values of its own each cycle."""
+    return packed(name, values_of(DATABASE.get_message_by_name(name), cycle), cycle)
+
+
+def one_message(name: str, values: list[dict[str, float]]) -> np.ndarray:
+    """Rows of one message, a minor frame each; signals that are not given are 0."""
+    zeros = {s.name: 0.0 for s in DATABASE.get_message_by_name(name).signals}
+    rows = np.zeros(len(values), BUS_LOG)
+    rows["t_s"] = np.arange(len(values)) * DT_S
+    rows["frame"]["can_id"], rows["frame"]["dlc"] = icd.layout(name).can_id, icd.FRAME_BYTES
+    words = [packed(name, {**zeros, **v}, cycle) for cycle, v in enumerate(values)]
+    rows["frame"]["data"] = words
+    return rows
 
 
 def bus_rows(cycles: range, names: tuple[str, ...] = icd.MESSAGES) -> np.ndarray:

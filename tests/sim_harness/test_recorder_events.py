@@ -1,0 +1,59 @@
+"""The log of a recording tells what the flight computer reported, at the minor frame it did."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim_harness.telemetry.reader import open_recording
+from sim_harness.telemetry.recorder import Recorder
+from sim_harness.telemetry.records import LogLevel, LogLine
+from tests.sim_harness.recordings import DBC, DT_S, one_message
+
+INFO, WARNING = LogLevel.INFO, LogLevel.WARNING
+
+
+def log_of(path: Path, rows: np.ndarray, step: int) -> list[tuple[int, LogLevel, str]]:
+    """Minor frame, level and text of what is logged."""
+    with Recorder(path, {}, DBC) as recorder:
+        for start in range(0, len(rows), step):
+            recorder.write_bus(rows[start : start + step])
+            recorder._wake.set()
+    lines: list[LogLine] = open_recording(path).log
+    return [(round(line.t_s / DT_S), line.level, line.text) for line in lines]
+
+
+@pytest.mark.parametrize("step", [1, 3, 100])
+def test_each_change_of_mode_is_logged_once(tmp_path: Path, step: int) -> None:
+    modes = [0, 1, 1, 1, 2, 2, 4, 4, 1, 2, 3]
+    values = [{"mode": mode, "fix_valid": mode != 4} for mode in modes]
+    assert log_of(tmp_path / "a.mcap", one_message("FSW_STATUS", values), step) == [
+        (0, INFO, "mode STANDBY"),
+        (0, INFO, "guidance phase 0"),
+        (0, INFO, "tracking off"),
+        (0, INFO, "navigation fix on"),
+        (1, INFO, "mode COAST, was STANDBY"),
+        (4, INFO, "mode ENTRY, was COAST"),
+        (6, WARNING, "mode SAFE, was ENTRY"),
+        (6, WARNING, "navigation fix off, was on"),
+        (8, INFO, "mode COAST, was SAFE"),
+        (8, INFO, "navigation fix on, was off"),
+        (9, INFO, "mode ENTRY, was COAST"),
+        (10, INFO, "mode TERMINAL, was ENTRY"),
+    ]
+
+
+def test_every_request_of_the_ground_is_an_event(tmp_path: Path) -> None:
+    rows = one_message("GROUND_REQUEST", [{"request": 1}, {"request": 1}, {"request": 2}])
+    assert log_of(tmp_path / "a.mcap", rows, 1) == [
+        (0, INFO, "ground request ARM"),
+        (1, INFO, "ground request ARM"),
+        (2, INFO, "ground request STOP"),
+    ]
+
+
+def test_a_spoilt_report_is_no_event(tmp_path: Path) -> None:
+    rows = one_message("FSW_STATUS", [{"mode": 1}, {"mode": 4}, {"mode": 1}])
+    rows["frame"]["data"][1] ^= np.uint64(1 << 60)
+    told = log_of(tmp_path / "a.mcap", rows, 1)
+    assert [text for _, _, text in told if text.startswith("mode")] == ["mode COAST"]
