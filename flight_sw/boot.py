@@ -31,7 +31,7 @@ from flight_sw.histogram import percentiles_us
 from flight_sw.load_image import LoadImage, activate, read_image
 
 SLICE_NS = 100_000_000  # between two looks at signals
-ANNOUNCE_S = 0.1
+ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 COMPILING, READY = 0, 1
 COUNTER_BITS_AT, COUNTER_VALUES = 8, 16

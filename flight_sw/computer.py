@@ -272,7 +272,7 @@ def _send_telemetry(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     """The law's telemetry and the receiver's counters, each at its own sub-rate."""
     sent = state["sent"]
     wiring = load["wiring"]
-    if state["cycle"] % load["telemetry_divider"] == 0:
+    if state["cycle"] % wiring["telemetry_divider"] == 0:
         telemetry = state["guidance"]["telemetry"]
         value_index = wiring["value_index"]
         for i in range(len(value_index)):
@@ -281,7 +281,7 @@ def _send_telemetry(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
         slots = wiring["slot"]
         for i in range(wiring["n_messages"]):
             n_tx = _send(load, state, slots[i], tx, n_tx)
-    if state["cycle"] % load["health_divider"] == 0:
+    if state["cycle"] % wiring["health_divider"] == 0:
         report_counters(state["rx"], state["incomplete_sets"], sent)
         for slot in HEALTH:
             n_tx = _send(load, state, slot, tx, n_tx)

@@ -41,16 +41,19 @@ HEADER = np.dtype(
 
 TELEMETRY_MESSAGES = 8
 TELEMETRY_PREFIX = "TM_"
+HEALTH_SLOT = icd.slot("RX_HEALTH_A")
 
 WIRING = np.dtype(
     [
         ("n_messages", "u4"),
         ("slot", "u4", (TELEMETRY_MESSAGES,)),  # messages that carry the law's telemetry
         ("value_index", "i4", (16,)),  # of each telemetry number, -1: on no message
+        ("telemetry_divider", "u4"),  # minor frames from one telemetry to the next
+        ("health_divider", "u4"),  # and from one report of the receiver's counters
     ],
     align=True,
 )
-"""How the law's telemetry numbers reach the bus: found by name in the DBC at boot."""
+"""How telemetry reaches the bus: names and cycle times are looked up in the DBC at boot."""
 
 
 ATMOSPHERE_TABLE = RecordSpec.of(
@@ -83,8 +86,6 @@ def body_spec(law: str) -> RecordSpec:
         Field("dt_s", 1e-4, 10.0, "minor frame"),
         Field("guidance_divider", 1, 10_000, "minor frames per guidance step", kind="u4"),
         Field("guidance_dt_s", 1e-4, 1e3, "dt_s times the divider"),
-        Field("telemetry_divider", 1, 100_000, "minor frames per law telemetry", kind="u4"),
-        Field("health_divider", 1, 100_000, "minor frames per health report", kind="u4"),
         Field("onboard", record=ONBOARD),
         Field("atmosphere", record=ATMOSPHERE_TABLE),
         Field("bank_limits", record=AXIS_LIMITS),
@@ -178,6 +179,15 @@ def parse_image(raw: bytes, where: str) -> LoadImage:
     return LoadImage(law, header["mission"][0].decode(errors="replace"), crc32, body)
 
 
+def _cycle_ms(slot: int) -> int:
+    return icd.LAYOUT[slot].cycle_ms
+
+
+def _minor_frames(slot: int, dt_s: float) -> int:
+    """Minor frames in a message's cycle time, at least one."""
+    return max(round(_cycle_ms(slot) / 1e3 / dt_s), 1)
+
+
 def _wire(load: npt.NDArray[np.void], law: str) -> None:
     names: tuple[str, ...] = law_module(law).TELEMETRY
     wiring = load["wiring"][0]
@@ -190,6 +200,9 @@ def _wire(load: npt.NDArray[np.void], law: str) -> None:
             for signal in signals:
                 wiring["value_index"][names.index(signal)] = icd.value_index(message, signal)
     wiring["n_messages"] = len(slots)
+    dt_s = float(load["dt_s"][0])
+    wiring["telemetry_divider"] = _minor_frames(min((*slots, HEALTH_SLOT), key=_cycle_ms), dt_s)
+    wiring["health_divider"] = _minor_frames(HEALTH_SLOT, dt_s)
     wiring["slot"][: len(slots)] = slots
 
 

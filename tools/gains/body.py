@@ -83,8 +83,6 @@ def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
     body["dt_s"] = dt_s
     body["guidance_divider"] = timing.guidance_divider
     body["guidance_dt_s"] = dt_s * timing.guidance_divider
-    body["telemetry_divider"] = max(round(1.0 / (dt_s * timing.telemetry_hz)), 1)
-    body["health_divider"] = max(round(1.0 / (dt_s * timing.health_hz)), 1)
     _onboard(body["onboard"], world)
     body["atmosphere"] = world["atmosphere"]
     _axis(body["bank_limits"], design.limits.bank)

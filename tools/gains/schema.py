@@ -18,8 +18,6 @@ class Timing(Section):
     guidance_divider: Annotated[
         int, Quantity("minor frames", 1, 10_000, "per guidance step, a whole number")
     ] = 1
-    telemetry_hz: Annotated[float, Quantity("Hz", 0.01, 1000.0, "the law's own telemetry")] = 10.0
-    health_hz: Annotated[float, Quantity("Hz", 0.01, 1000.0, "the receiver's counters")] = 1.0
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
