@@ -1,6 +1,7 @@
 """Small flights to record: frames packed by cantools, so that nothing under test made them."""
 
 import functools
+import time
 from pathlib import Path
 from typing import Any
 
@@ -89,12 +90,20 @@ def truth_rows(cycles: range) -> np.ndarray:
     return rows
 
 
+def drain(recorder: Recorder) -> None:
+    """Wait until all that was handed over is on disk, in a chunk of its own."""
+    recorder._wake.set()
+    while recorder._waiting_bytes and recorder.failure is None:
+        time.sleep(0.001)
+
+
 def record(path: Path, cycles: range, step: int = 25, **options: Any) -> Recorder:
-    """Record a whole flight and close it."""
+    """Record a whole flight, a chunk every `step` minor frames, and close it."""
     recorder = Recorder(path, MANIFEST, DBC, **options)
     for start in range(cycles.start, cycles.stop, step):
         part = range(start, min(start + step, cycles.stop))
         recorder.write_bus(bus_rows(part))
         recorder.write_truth(truth_rows(part))
+        drain(recorder)
     recorder.close("end condition", {"heat_load_mjpm2": "1.5"})
     return recorder

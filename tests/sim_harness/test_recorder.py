@@ -22,6 +22,7 @@ from tests.sim_harness.recordings import (
     DT_S,
     MANIFEST,
     bus_rows,
+    drain,
     record,
     truth_rows,
     values_of,
@@ -236,8 +237,7 @@ def test_a_full_queue_drops_counts_and_says_so_in_the_file(
     recorder.write_bus(bus_rows(range(100, 130), names))
     recorder.log(2.6, LogLevel.INFO, "one line too many")
     gate.opened.set()
-    while recorder._waiting_bytes:
-        time.sleep(0.01)
+    drain(recorder)
     recorder.write_bus(bus_rows(range(130, 140), names))
     recorder.close("end condition")
     recording = open_recording(path)

@@ -8,7 +8,7 @@ import pytest
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel, LogLine
-from tests.sim_harness.recordings import DBC, DT_S, one_message
+from tests.sim_harness.recordings import DBC, DT_S, drain, one_message
 
 INFO, WARNING = LogLevel.INFO, LogLevel.WARNING
 
@@ -18,7 +18,7 @@ def log_of(path: Path, rows: np.ndarray, step: int) -> list[tuple[int, LogLevel,
     with Recorder(path, {}, DBC) as recorder:
         for start in range(0, len(rows), step):
             recorder.write_bus(rows[start : start + step])
-            recorder._wake.set()
+            drain(recorder)
     lines: list[LogLine] = open_recording(path).log
     return [(round(line.t_s / DT_S), line.level, line.text) for line in lines]
 
