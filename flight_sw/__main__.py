@@ -6,6 +6,8 @@ from pathlib import Path
 
 from flight_sw.errors import AeroshellError
 
+PACE_LOW, PACE_HIGH = 0.01, 1000.0
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse, boot, and turn a refusal into one sentence and exit status 1."""
@@ -15,11 +17,27 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--load", type=Path, required=True, help="load image to fly")
     parser.add_argument("--bus", required=True, help="unix:PATH or socketcan:INTERFACE")
+    parser.add_argument(
+        "--synchronisation",
+        choices=("lockstep", "frame", "clock"),
+        default="lockstep",
+        help="wait for frames without a clock, for frames no longer than they may take, "
+        "or for deadlines of the clock (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--pace",
+        type=float,
+        default=1.0,
+        metavar="FACTOR",
+        help="mission seconds per second of the clock, 0.01 to 1000 (default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
-    from flight_sw.boot import boot  # the compiler is slow to import: not for --help
+    if not PACE_LOW <= options.pace <= PACE_HIGH:
+        parser.error(f"--pace is {options.pace:g}, allowed {PACE_LOW:g} to {PACE_HIGH:g}")
+    from flight_sw.boot import Timing, boot  # the compiler is slow to import: not for --help
 
     try:
-        boot(options.load, options.bus)
+        boot(options.load, options.bus, Timing(options.synchronisation, options.pace))
     except AeroshellError as error:
         sys.stderr.write(f"flight computer: {error}\n")
         return 1

@@ -14,7 +14,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,10 +25,18 @@ from flight_sw.can.sockets import new_io, open_bus
 from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
-from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, serve
+from flight_sw.executive import (
+    BUS_LOST,
+    EXECUTIVE,
+    LOCKSTEP,
+    RUNNING,
+    SYNCHRONISATIONS,
+    serve,
+)
 from flight_sw.guidance import LAWS
-from flight_sw.histogram import percentiles_us
+from flight_sw.histogram import filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, read_image
+from flight_sw.privileges import lock_memory, take_priority, take_processor
 
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
@@ -89,14 +97,24 @@ class Announcer:
         self._thread.join()
 
 
+class Timing(NamedTuple):
+    """How the loop keeps time."""
+
+    synchronisation: str = "lockstep"
+    pace: float = 1.0
+    """Mission seconds per second of the clock; lockstep has none."""
+
+
 class FlightComputer:
     """Owns the records of one flight computer and runs its loop on a bus."""
 
-    def __init__(self, load_path: Path, bus_address: str) -> None:
+    def __init__(self, load_path: Path, bus_address: str, timing: Timing) -> None:
         self.image = read_image(load_path)
         self.load: npt.NDArray[np.void] = activate(self.image)
         self.state = new_state(self.image.law)
         self.executive = np.zeros(1, EXECUTIVE)
+        self.executive["synchronisation"] = SYNCHRONISATIONS.index(timing.synchronisation)
+        self.executive["period_ns"] = round(float(self.load["dt_s"][0]) / timing.pace * 1e9)
         self.bus = open_bus(bus_address)
         self.bus.setblocking(False)
         self.io = new_io(RX_CAPACITY)
@@ -105,11 +123,19 @@ class FlightComputer:
         self.asked_to_end = False
         self.compile_s = 0.0
 
-    def _serve(self, slice_ns: int) -> int:
+    def _serve(
+        self, state: npt.NDArray[np.void], executive: npt.NDArray[np.void], slice_ns: int
+    ) -> int:
         return int(
-            serve(self.bus.fileno(), self.io, self.load, self.state, self.executive, self.rx,
-                  self.tx, slice_ns)
+            serve(self.bus.fileno(), self.io, self.load, state, executive, self.rx, self.tx,
+                  slice_ns)
         )  # fmt: skip
+
+    def take_privileges(self) -> None:
+        """Priority, memory, processor: what is missing is said in one line."""
+        missing = [word for word in (lock_memory(), take_priority(), take_processor(0)) if word]
+        if missing:
+            sys.stderr.write(f"flight computer: {'; '.join(missing)}\n")
 
     def compile(self, announcer: Announcer) -> None:
         """Load or make the machine code; says so if it takes long."""
@@ -121,7 +147,7 @@ class FlightComputer:
             ),
         )
         notice.start()
-        self._serve(0)
+        self._serve(new_state(self.image.law), self.executive.copy(), 0)
         notice.cancel()
         self.compile_s = time.monotonic() - start_s
         announcer.state = READY
@@ -135,6 +161,8 @@ class FlightComputer:
             self.compile(announcer)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
+        if self.executive["synchronisation"][0] != LOCKSTEP:
+            self.take_privileges()
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -142,7 +170,7 @@ class FlightComputer:
         while outcome == RUNNING and not self.asked_to_end:
             if not self.executive["cycles"][0]:
                 announcer.announce()
-            outcome = self._serve(SLICE_NS)
+            outcome = self._serve(self.state, self.executive, SLICE_NS)
         return outcome
 
     def report(self) -> dict[str, Any]:
@@ -162,13 +190,18 @@ class FlightComputer:
             "tx_refused": int(state["tx_refused"]),
             "mode": int(state["mode"]),
             "compile_s": round(self.compile_s, 3),
+            "slips": int(executive["slips"]),
+            "ticks": int(executive["ticks"]),
             "step_time_us": percentiles_us(executive["step_time"]),
+            "wake_up_us": percentiles_us(executive["wake_up"]),
+            "step_time_bins_us": filled_bins_us(executive["step_time"]),
+            "wake_up_bins_us": filled_bins_us(executive["wake_up"]),
         }
 
 
-def boot(load_path: Path, bus_address: str) -> None:
+def boot(load_path: Path, bus_address: str, timing: Timing) -> None:
     """Run a flight computer to its end and print its report; raises AeroshellError if refused."""
-    computer = FlightComputer(load_path, bus_address)
+    computer = FlightComputer(load_path, bus_address, timing)
     outcome = computer.run()
     sys.stdout.write(json.dumps(computer.report()) + "\n")
     sys.stdout.flush()

@@ -66,6 +66,7 @@ def state_dtype(law: str) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("cycle", "u4"),
+            ("cycles_run", "u4"),  # since boot; wraps
             ("mode", "u4"),
             ("armed", "u4"),
             ("stop", "u4"),
@@ -307,6 +308,7 @@ def _send_status(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
 @kernel
 def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length."""
+    state["cycles_run"] += 1
     _take_fix(load, state)
     receiver_tick(state["rx"])
     state["radius_m"] = load["onboard"]["planet"]["radius_m"]

@@ -1,31 +1,65 @@
 """The cyclic loop: wait for frames, step, send, account for time.
 
 It does its own poll, receive and send through the C library with the interpreter's lock released,
-and comes back to Python a few times a second so that signals are seen.
+and comes back to Python a few times a second so that signals are seen. Three ways to wait:
+
+* lockstep: for frames, however long they take; time is what the time message says.
+* frame-synchronised: for frames, but a cycle whose time message is overdue is closed by a tick.
+* clocked: for absolute deadlines a period apart; what has arrived by then is the cycle's.
 """
 
 import numpy as np
 
-from flight_sw.can.libc import monotonic_ns
+from flight_sw import icd
+from flight_sw.can.codec import pack
+from flight_sw.can.e2e import protect
+from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.computer import minor_frame
+from flight_sw.computer import COUNTER_MODULUS, minor_frame
 from flight_sw.dictionary import RX_CAPACITY, TICK_ID
+from flight_sw.guidance import law_step
 from flight_sw.histogram import HISTOGRAM, add
 from flight_sw.jit import kernel
 from flight_sw.types_ import Frames, Record
 
 RUNNING, STOPPED, BUS_LOST = 0, 1, 2
+LOCKSTEP, FRAME_SYNCHRONISED, CLOCKED = 0, 1, 2
+SYNCHRONISATIONS = ("lockstep", "frame", "clock")
+
+TIMING = icd.slot("FSW_TIMING")
+STEP_MAX = icd.value_index("FSW_TIMING", "step_max_us")
+WAKE_UP_MAX = icd.value_index("FSW_TIMING", "wake_up_max_us")
+SLIPS = icd.value_index("FSW_TIMING", "slips")
+TICKS = icd.value_index("FSW_TIMING", "ticks")
+COUNT_MAX = (1 << 10) - 1  # what the signals of counters carry
+MICROSECONDS_MAX = 65535.0
+NS_PER_MS = 1_000_000
 
 EXECUTIVE = np.dtype(
     [
-        ("cycles", "u8"),
-        ("frames_received", "u8"),
-        ("frames_sent", "u8"),
-        ("false_ticks", "u8"),  # frames from the bus that looked like the executive's own tick
+        ("synchronisation", "u4"),
+        ("timing_counter", "u4"),  # of FSW_TIMING
+        ("period_ns", "i8"),  # of a minor frame on the clock; lockstep has none
+        ("cycles", "i8"),
+        ("frames_received", "i8"),
+        ("frames_sent", "i8"),
+        ("false_ticks", "i8"),  # frames from the bus that looked like the executive's own tick
+        ("ticks", "i8"),  # cycles closed without a time message
+        ("slips", "i8"),  # cycles not finished when the next was due
+        ("due_ns", "i8"),  # when the next cycle is due; 0: no cycle yet
+        ("told_ns", "i8"),  # when timing was last telemetered
+        ("step_recent_ns", "i8"),  # longest since then
+        ("wake_up_recent_ns", "i8"),
         ("step_time", HISTOGRAM),
+        ("wake_up", HISTOGRAM),  # how late a cycle began, after when it was due
+        ("values", "f8", (icd.N_VALUES,)),  # of FSW_TIMING
     ],
     align=True,
 )
+"""The loop's own account; it reads the clock, so it stays outside the computer's state."""
+
+OVERDUE_NUMERATOR, OVERDUE_DENOMINATOR = 3, 2  # a time message is overdue after 1.5 periods
+TELEMETRY_NS = icd.layout("FSW_TIMING").cycle_ms * NS_PER_MS
 
 
 @kernel
@@ -44,6 +78,129 @@ def _drop_false_ticks(rx: Frames, n_rx: int, executive: Record) -> int:
 
 
 @kernel
+def _overdue_ns(executive: Record) -> int:
+    """When a cycle is closed without its time message."""
+    late_ns = executive["period_ns"] * (OVERDUE_NUMERATOR - OVERDUE_DENOMINATOR)
+    return executive["due_ns"] + late_ns // OVERDUE_DENOMINATOR
+
+
+@kernel
+def _tick(rx: Frames, executive: Record) -> int:
+    rx[0]["can_id"] = TICK_ID
+    executive["ticks"] += 1
+    return 1
+
+
+@kernel
+def _wait(fd: int, io: Record, executive: Record, rx: Frames, end_ns: int) -> int:
+    """Frames for the next call of the minor frame: 0 at the end of the slice, below 0 bus lost."""
+    now_ns = monotonic_ns()
+    if executive["synchronisation"] == CLOCKED and executive["due_ns"] > 0:
+        if executive["due_ns"] > end_ns:
+            sleep_until_ns(end_ns)
+            return 0
+        sleep_until_ns(executive["due_ns"])
+        n_rx = recv_frames(fd, io, rx, RX_CAPACITY, 0)
+        if n_rx < 0:
+            return n_rx
+        executive["frames_received"] += n_rx
+        return _drop_false_ticks(rx, n_rx, executive)
+    until_ns = end_ns
+    can_tick = executive["synchronisation"] == FRAME_SYNCHRONISED and executive["due_ns"] > 0
+    if can_tick:
+        until_ns = min(end_ns, _overdue_ns(executive))
+    wait_ms = max((until_ns - now_ns + NS_PER_MS - 1) // NS_PER_MS, 0)
+    n_rx = recv_frames(fd, io, rx, RX_CAPACITY, wait_ms)
+    if n_rx != 0:
+        if n_rx > 0:
+            executive["frames_received"] += n_rx
+            n_rx = _drop_false_ticks(rx, n_rx, executive)
+        return n_rx
+    if can_tick and monotonic_ns() >= _overdue_ns(executive):
+        return _tick(rx, executive)
+    return 0
+
+
+@kernel
+def _account(executive: Record, cycles: int, woken_ns: int, done_ns: int) -> None:
+    """Durations, lateness and slips of the cycles that one call has closed."""
+    step_ns = done_ns - woken_ns
+    add(executive["step_time"], step_ns)
+    executive["cycles"] += cycles
+    executive["step_recent_ns"] = max(executive["step_recent_ns"], step_ns)
+    if executive["synchronisation"] == LOCKSTEP:
+        return
+    period_ns = executive["period_ns"]
+    if executive["due_ns"] > 0:
+        late_ns = max(woken_ns - executive["due_ns"], 0)
+        add(executive["wake_up"], late_ns)
+        executive["wake_up_recent_ns"] = max(executive["wake_up_recent_ns"], late_ns)
+        executive["slips"] += cycles - 1
+    if executive["synchronisation"] == CLOCKED and executive["due_ns"] > 0:
+        executive["due_ns"] += period_ns
+        missed = max((done_ns - executive["due_ns"]) // max(period_ns, 1), 0)
+        executive["due_ns"] += missed * period_ns
+        executive["slips"] += missed
+        return
+    if step_ns > period_ns:
+        executive["slips"] += 1
+    executive["due_ns"] = woken_ns + period_ns
+    if executive["synchronisation"] == CLOCKED:
+        executive["due_ns"] = woken_ns + period_ns + period_ns // 2  # midway between arrivals
+
+
+@kernel
+def _telemeter(load: Record, executive: Record, tx: Frames, n_tx: int, now_ns: int) -> int:
+    """FSW_TIMING in front of the frames to be sent, once its cycle time has passed."""
+    if executive["synchronisation"] == LOCKSTEP or now_ns - executive["told_ns"] < TELEMETRY_NS:
+        return n_tx
+    executive["told_ns"] = now_ns
+    values = executive["values"]
+    values[STEP_MAX] = min(executive["step_recent_ns"] / 1e3, MICROSECONDS_MAX)
+    values[WAKE_UP_MAX] = min(executive["wake_up_recent_ns"] / 1e3, MICROSECONDS_MAX)
+    values[SLIPS] = min(executive["slips"], COUNT_MAX)
+    values[TICKS] = min(executive["ticks"], COUNT_MAX)
+    executive["step_recent_ns"] = 0
+    executive["wake_up_recent_ns"] = 0
+    codec = load["codec"]
+    word, code = pack(codec, TIMING, values)
+    if code != 0 or n_tx >= len(tx):
+        return n_tx
+    frame = tx[n_tx]
+    frame["can_id"] = codec["can_id"][TIMING]
+    frame["dlc"] = codec["dlc"][TIMING]
+    frame["pad"] = 0
+    frame["res0"] = 0
+    frame["len8_dlc"] = 0
+    frame["data"] = protect(codec, TIMING, word, executive["timing_counter"])
+    executive["timing_counter"] = (executive["timing_counter"] + 1) % COUNTER_MODULUS
+    return n_tx + 1
+
+
+@kernel
+def _is_clocked_out(account: Record, state: Record, before: int, woken_ns: int) -> bool:
+    """Whether a clocked cycle has come without closing by a time message."""
+    return (
+        account["synchronisation"] == CLOCKED
+        and account["due_ns"] > 0
+        and woken_ns >= account["due_ns"]
+        and int(state["cycles_run"]) == before
+    )
+
+
+@kernel
+def _rehearse(load: Record, state: Record, executive: Record, rx: Frames, tx: Frames) -> None:
+    """Run everything that a cycle runs once, on records that are thrown away."""
+    law_step(load, state["law"], state["nav"], state["guidance"])
+    now_ns = monotonic_ns()
+    for synchronisation in range(LOCKSTEP, CLOCKED + 1):
+        executive["synchronisation"] = synchronisation
+        n_tx = minor_frame(load, state, rx, _tick(rx, executive), tx)
+        _account(executive, 1, now_ns, monotonic_ns())
+        _telemeter(load, executive, tx, n_tx, now_ns)
+
+
+@kernel
 def serve(
     fd: int,
     io: Frames,
@@ -56,28 +213,32 @@ def serve(
 ) -> int:
     """Serve the bus for about `slice_ns`; returns RUNNING, STOPPED or BUS_LOST.
 
-    The records have shape (1,). A slice of zero compiles and touches everything.
+    The records have shape (1,). A slice of zero compiles and touches everything: it takes a state
+    and an account that are thrown away.
     """
+    account = executive[0]
     end_ns = monotonic_ns() + slice_ns
-    wait_ms = max(slice_ns // 1_000_000, 1)
     if slice_ns == 0:
+        _rehearse(load[0], state[0], account, rx, tx)
         return RUNNING
     while True:
-        n_rx = recv_frames(fd, io[0], rx, RX_CAPACITY, wait_ms)
-        start_ns = monotonic_ns()
+        n_rx = _wait(fd, io[0], account, rx, end_ns)
+        woken_ns = monotonic_ns()
         if n_rx < 0:
             return BUS_LOST
-        if n_rx > 0:
-            executive[0]["frames_received"] += n_rx
-            n_rx = _drop_false_ticks(rx, n_rx, executive[0])
-            n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
-            if n_tx > 0:
-                add(executive[0]["step_time"], monotonic_ns() - start_ns)
-                executive[0]["cycles"] += 1
-                if send_frames(fd, io[0], tx, n_tx) < 0:
-                    return BUS_LOST
-                executive[0]["frames_sent"] += n_tx
-            if state[0]["stop"] == 1:
-                return STOPPED
-        if start_ns >= end_ns:
+        before = int(state[0]["cycles_run"])
+        n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
+        if n_rx < RX_CAPACITY and _is_clocked_out(account, state[0], before, woken_ns):
+            n_tx = minor_frame(load[0], state[0], rx, _tick(rx, account), tx)
+        if n_tx > 0:
+            cycles = int(state[0]["cycles_run"]) - before
+            done_ns = monotonic_ns()
+            _account(account, cycles, woken_ns, done_ns)
+            n_tx = _telemeter(load[0], account, tx, n_tx, done_ns)
+            if send_frames(fd, io[0], tx, n_tx) < 0:
+                return BUS_LOST
+            account["frames_sent"] += n_tx
+        if state[0]["stop"] == 1:
+            return STOPPED
+        if woken_ns >= end_ns:
             return RUNNING

@@ -43,6 +43,12 @@ def upper_edge_ns(index: int) -> int:
     return ((index - shift * SUB + 1) << shift) - 1
 
 
+def filled_bins_us(histogram: Record) -> list[tuple[float, int]]:
+    """Upper edge in microseconds and count of every bin that holds something."""
+    filled = np.flatnonzero(histogram["bins"])
+    return [(upper_edge_ns(int(i)) / 1e3, int(histogram["bins"][i])) for i in filled]
+
+
 def percentiles_us(histogram: Record) -> dict[str, float]:
     """p50, p99, p999 (upper edge of their bin) and the exact max, in microseconds."""
     total = int(histogram["n"])

@@ -14,12 +14,14 @@ from flight_sw.can.sockets import new_io, open_bus
 from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import FlightError
+from flight_sw.privileges import take_priority
 from flight_sw.types_ import Frames
 from sim_harness.bus.hub import Hub
 from sim_harness.computer_process import ComputerProcess
-from sim_harness.flight import FlightRun
+from sim_harness.flight import FlightPlan, FlightRun
 from sim_harness.jit import kernel
 from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
+from sim_harness.pacing import fly_in_real_time, punctuality
 from sim_harness.port import take
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import TRUTH
@@ -30,6 +32,7 @@ BOOT_STATE = icd.value_index("FSW_BOOT", "state")
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 LISTEN_S = 0.05
 NOT_BOOT = -1
+CYCLES_MAX = 1 << 40
 
 
 @kernel
@@ -48,6 +51,13 @@ def hear_boot(harnesses: Frames, frames: Frames, crc32: int) -> int:
     return int(port["received"][BOOT_STATE])
 
 
+def computer_options(plan: FlightPlan) -> list[str]:
+    """What the flight computer is told of the pace."""
+    if plan.pace <= 0.0:
+        return []
+    return ["--synchronisation", plan.synchronisation, "--pace", f"{plan.pace:g}"]
+
+
 class BusFlight:
     """One flight over the bus of its plan; owns hub, socket and flight computer while it flies."""
 
@@ -64,9 +74,17 @@ class BusFlight:
         self.bus: socket.socket = resources.enter_context(open_bus(address))
         self.computer: ComputerProcess | None = None
         if plan.own_computer:
-            self.computer = resources.enter_context(ComputerProcess(plan.load_path, address))
+            self.computer = resources.enter_context(
+                ComputerProcess(plan.load_path, address, computer_options(plan))
+            )
         self.bus.setblocking(False)
         self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx)
+
+    def fly_paced(self) -> int:
+        """Fly to the end against the clock; for a thread of its own."""
+        run = self.run
+        take_priority()
+        return int(fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, CYCLES_MAX))
 
     def chunk(self, cycles: int) -> int:
         """Fly up to `cycles` minor frames."""
@@ -123,7 +141,10 @@ class BusFlight:
         run = self.run
         start_s = time.perf_counter()
         run.waiting("compiling the flight loop for this processor, once")
-        self.chunk(0)
+        if run.plan.pace > 0.0:
+            fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
+        else:
+            self.chunk(0)
         hear_boot(run.harness, np.zeros(1, FRAME), 0)
         run.harness["port"]["rx"]["counted"] = 0
         run.harness["port"]["frames_received"] = 0
@@ -132,7 +153,11 @@ class BusFlight:
         run.waiting("")
         try:
             self._send(run.request(ARM))
-            run.fly(lambda: self.chunk(run.chunk_cycles))
+            if run.plan.pace > 0.0:
+                run.fly_beside(self.fly_paced)
+                run.punctuality = punctuality(run)
+            else:
+                run.fly(lambda: self.chunk(run.chunk_cycles))
             if run.outcome not in (BUS_LOST, COMPUTER_SILENT):
                 self._send(run.request(STOP))
         except OSError:

@@ -19,8 +19,8 @@ LAST_WORDS = 5  # lines of its standard error that are kept
 class ComputerProcess:
     """`python -m flight_sw` on a bus, in a session of its own so that Ctrl-C ends only us."""
 
-    def __init__(self, load_path: Path, bus_address: str) -> None:
-        command = [sys.executable, "-m", "flight_sw", "--load", str(load_path)]
+    def __init__(self, load_path: Path, bus_address: str, options: list[str]) -> None:
+        command = [sys.executable, "-m", "flight_sw", "--load", str(load_path), *options]
         paths = [str(PACKAGE_PARENT), os.environ.get("PYTHONPATH", "")]
         self._process = subprocess.Popen(
             [*command, "--bus", bus_address],

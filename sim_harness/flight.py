@@ -5,6 +5,7 @@ the bus; its standard output only brings the report of its own timing when it ha
 """
 
 import hashlib
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,15 +23,31 @@ from flight_sw.histogram import HISTOGRAM, percentiles_us
 from flight_sw.load_image import activate, parse_image
 from flight_sw.types_ import Frames
 from sim_harness.jit import kernel
-from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, HARNESS, Logs, fly_in_memory
+from sim_harness.loop import (
+    BUS,
+    BUS_LOST,
+    COMMANDS,
+    COMPUTER_SILENT,
+    HARNESS,
+    INTERRUPTED,
+    TRUTHS,
+    Logs,
+    fly_in_memory,
+)
 from sim_harness.mission import Mission
+from sim_harness.pacing import new_pacer
 from sim_harness.port import new_port, put_request
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import FLYING, OUTCOMES, TRUTH
 
-CHUNK_CYCLES = {"memory": 5000, "bus": 500}  # minor frames flown between two looks at the outside
+CHUNK_CYCLES = {"memory": 5000, "bus": 1000}  # minor frames flown between two looks at the outside
+DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
-OTHER_OUTCOMES = {BUS_LOST: "bus lost", COMPUTER_SILENT: "flight computer silent"}
+OTHER_OUTCOMES = {
+    BUS_LOST: "bus lost",
+    COMPUTER_SILENT: "flight computer silent",
+    INTERRUPTED: "interrupted",
+}
 
 
 @dataclass(frozen=True)
@@ -47,6 +64,10 @@ class FlightPlan:
     truth_rate_hz: float = 10.0
     recorded: bool = True
     reply_timeout_s: float = 0.8
+    pace: float = 0.0
+    """Mission seconds per second of the clock; 0: lockstep."""
+    synchronisation: str = "frame"
+    """How the flight computer waits when there is a pace: `frame` or `clock`."""
     own_computer: bool = True
     """False: a flight computer with this load is on the bus already."""
 
@@ -57,7 +78,7 @@ class Listener(Protocol):
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
         """Take what the last chunk logged; the arrays are used again afterwards."""
 
-    def progress(self, harness: npt.NDArray[np.void]) -> None:
+    def progress(self, run: "FlightRun") -> None:
         """Show how the flight stands."""
 
     def waiting(self, text: str) -> None:
@@ -75,6 +96,8 @@ class FlightRun:
     wall_s: float = 0.0
     ended_by: str = ""
     """What ended the flight from outside, in a word; empty if nothing did."""
+    punctuality: dict[str, Any] = field(default_factory=dict)
+    """How the flight kept time; empty in lockstep."""
     computer: dict[str, Any] = field(default_factory=dict)
     """The flight computer's report."""
 
@@ -83,10 +106,11 @@ class FlightRun:
         self.image = parse_image(plan.load_image, str(plan.load_path))
         self.load = activate(self.image)
         self.harness = new_harness(plan, self.load)
+        self.pacer = new_pacer(plan)
         cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
         rows = cycles * FRAMES_PER_CYCLE if plan.recorded else 0
         self.logs = Logs(
-            np.zeros(cycles + TX_CAPACITY, FRAME),
+            np.zeros(cycles, FRAME),
             np.zeros(rows, BUS_LOG),
             np.zeros(cycles if plan.recorded else 0, TRUTH),
         )
@@ -94,7 +118,6 @@ class FlightRun:
         self.rx = np.zeros(RX_CAPACITY, FRAME)
         self.tx = np.zeros(TX_CAPACITY, FRAME)
         self._sha256 = hashlib.sha256()
-        self.bus_rows_lost = 0
 
     def waiting(self, text: str) -> None:
         """Tell the listeners what is waited for."""
@@ -113,19 +136,47 @@ class FlightRun:
                 listener.rows(rows, np.zeros(0, TRUTH))
         return self.tx[:n].copy()
 
+    def _taken(self, log: int, ring: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+        """What the loop has put into a ring log since the last look, in order."""
+        harness = self.harness[0]
+        first, last = int(harness["taken"][log]), int(harness["written"][log])
+        if not len(ring) or first == last:
+            return ring[:0]
+        rows = ring[np.arange(first, last) % len(ring)]
+        harness["taken"][log] = last
+        return rows
+
+    def wait_for(self, flight: threading.Thread, interval_s: float) -> None:
+        """Drain the logs while a thread flies; Ctrl-C asks it to end."""
+        try:
+            while flight.is_alive():
+                flight.join(interval_s)
+                self.drain()
+        except BaseException:
+            self.harness["asked_to_end"] = 1
+            flight.join()
+            raise
+
     def drain(self) -> None:
-        """Hand the last chunk's logs on and empty them."""
-        harness = self.harness
-        n_commands, n_bus, n_truth = (
-            int(harness[name][0]) for name in ("n_commands", "n_bus", "n_truth")
-        )
-        self._sha256.update(self.logs.commands[:n_commands].tobytes())
+        """Hand on what the loop has logged since the last call."""
+        self._sha256.update(self._taken(COMMANDS, self.logs.commands).tobytes())
+        bus = self._taken(BUS, self.logs.bus)
+        truth = self._taken(TRUTHS, self.logs.truth)
         for listener in self.listeners:
             if self.plan.recorded:
-                listener.rows(self.logs.bus[:n_bus], self.logs.truth[:n_truth])
-            listener.progress(harness)
-        for name in ("n_commands", "n_bus", "n_truth"):
-            harness[name] = 0
+                listener.rows(bus, truth)
+            listener.progress(self)
+
+    def fly_beside(self, fly_all: Callable[[], int]) -> None:
+        """Fly to the end in a thread of its own, draining its logs from this one."""
+        outcomes: list[int] = []
+        flight = threading.Thread(target=lambda: outcomes.append(int(fly_all())), name="flight")
+        start_s = time.perf_counter()
+        flight.start()
+        self.wait_for(flight, DRAIN_S)
+        self.wall_s = time.perf_counter() - start_s
+        self.outcome = outcomes[0]
+        self.drain()
 
     def fly(self, fly_chunk: Callable[[], int]) -> None:
         """Fly chunk by chunk to the end, timing the loop alone."""

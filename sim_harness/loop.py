@@ -25,6 +25,9 @@ from sim_harness.world.records import FLYING, TRUTH, WORLD
 
 BUS_LOST = 101
 COMPUTER_SILENT = 102
+INTERRUPTED = 103
+COMMANDS, BUS, TRUTHS, N_LOGS = 0, 1, 2, 3  # the ring logs
+ROOM_FOR_A_CYCLE = 4 * RX_CAPACITY  # frames
 POLL_MS = 20  # longest wait in one system call: the time-out is looked at this often
 
 HARNESS = np.dtype(
@@ -36,10 +39,12 @@ HARNESS = np.dtype(
         ("port", PORT),
         ("metrics", METRICS),
         ("truth_divider", "i8"),  # minor frames per truth row in the log
-        ("n_commands", "i8"),  # rows in use of each log
-        ("n_bus", "i8"),
-        ("n_truth", "i8"),
+        ("written", "i8", (N_LOGS,)),  # rows ever put into each log
+        ("taken", "i8", (N_LOGS,)),  # rows ever taken out of it
         ("bus_rows_lost", "i8"),  # frames that found the log full
+        ("command_rows_lost", "i8"),
+        ("truth_rows_lost", "i8"),
+        ("asked_to_end", "i8"),  # set from outside
     ],
     align=True,
 )
@@ -47,9 +52,9 @@ HARNESS = np.dtype(
 
 
 class Logs(NamedTuple):
-    """Caller-owned arrays that a call fills from their start; an empty one is not filled."""
+    """Caller-owned ring buffers: the loop writes, the caller takes; an empty one is not filled."""
 
-    commands: npt.NDArray[np.void]  # dictionary.FRAME, every command frame
+    commands: npt.NDArray[np.void]  # dictionary.FRAME, every command flown
     bus: npt.NDArray[np.void]  # telemetry.records.BUS_LOG, every frame
     truth: npt.NDArray[np.void]  # TRUTH, every truth_divider-th minor frame
 
@@ -74,67 +79,96 @@ def _copy_frame(to: Record, frame: Record) -> None:
 
 
 @kernel
-def _log_frame(harness: Record, logs: Logs, frame: Record) -> None:
-    """Keep one frame of the bus, and once more if it is a command."""
-    if len(logs.bus) > 0 and harness["n_bus"] >= len(logs.bus):
-        harness["bus_rows_lost"] += 1
-    elif len(logs.bus) > 0:
-        row = logs.bus[harness["n_bus"]]
-        row["t_s"] = harness["truth"]["t_s"]
-        _copy_frame(row["frame"], frame)
-        harness["n_bus"] += 1
-    if frame["can_id"] == harness["codec"]["can_id"][COMMAND] and harness["n_commands"] < len(
-        logs.commands
-    ):
-        _copy_frame(logs.commands[harness["n_commands"]], frame)
-        harness["n_commands"] += 1
+def _room(harness: Record, log: int, length: int) -> int:
+    """Free rows of a ring log."""
+    return length - (harness["written"][log] - harness["taken"][log])
 
 
 @kernel
-def _has_room(harness: Record, logs: Logs) -> bool:
-    """Whether the logs take one more cycle, at its most frames."""
-    return (
-        harness["n_commands"] + RX_CAPACITY <= len(logs.commands)
-        and (len(logs.bus) == 0 or harness["n_bus"] + 4 * RX_CAPACITY <= len(logs.bus))
-        and (len(logs.truth) == 0 or harness["n_truth"] < len(logs.truth))
-    )
+def _log_frame(harness: Record, logs: Logs, frame: Record) -> None:
+    """Keep one frame of the bus; one that finds the log full is counted."""
+    length = len(logs.bus)
+    if length == 0:
+        return
+    if _room(harness, BUS, length) < 1:
+        harness["bus_rows_lost"] += 1
+        return
+    row = logs.bus[harness["written"][BUS] % length]
+    row["t_s"] = harness["truth"]["t_s"]
+    _copy_frame(row["frame"], frame)
+    harness["written"][BUS] += 1
+
+
+@kernel
+def _log_command(harness: Record, logs: Logs) -> None:
+    """Keep the command that is flown from now on, as it lay on the wire."""
+    length = len(logs.commands)
+    if _room(harness, COMMANDS, length) < 1:
+        harness["command_rows_lost"] += 1
+        return
+    row = logs.commands[harness["written"][COMMANDS] % length]
+    codec = harness["codec"]
+    row["can_id"] = codec["can_id"][COMMAND]
+    row["dlc"] = codec["dlc"][COMMAND]
+    row["pad"] = 0
+    row["res0"] = 0
+    row["len8_dlc"] = 0
+    row["data"] = harness["port"]["command"]
+    harness["written"][COMMANDS] += 1
 
 
 @kernel
 def _log_truth(harness: Record, logs: Logs) -> None:
     truth = harness["truth"]
-    if len(logs.truth) > 0 and truth["minor_frames"] % harness["truth_divider"] == 0:
-        logs.truth[harness["n_truth"]] = truth
-        harness["n_truth"] += 1
+    length = len(logs.truth)
+    if length == 0 or truth["minor_frames"] % harness["truth_divider"] != 0:
+        return
+    if _room(harness, TRUTHS, length) < 1:
+        harness["truth_rows_lost"] += 1
+        return
+    logs.truth[harness["written"][TRUTHS] % length] = truth
+    harness["written"][TRUTHS] += 1
 
 
 @kernel
-def _open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
+def has_room(harness: Record, logs: Logs) -> bool:
+    """Whether the logs take one more cycle on a bus as busy as it can be."""
+    return (
+        _room(harness, COMMANDS, len(logs.commands)) >= 1
+        and (len(logs.bus) == 0 or _room(harness, BUS, len(logs.bus)) >= ROOM_FOR_A_CYCLE)
+        and (len(logs.truth) == 0 or _room(harness, TRUTHS, len(logs.truth)) >= 1)
+    )
+
+
+@kernel
+def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     """Measure and put the cycle's navigation set into `tx`."""
     truth = harness["truth"]
     port = harness["port"]
     _log_truth(harness, logs)
     measure(harness["world"], truth, harness["navigation"], port["values"])
     n_tx = put_navigation(harness["codec"], port, truth["minor_frames"], tx)
-    if len(logs.bus) > 0:
-        for i in range(n_tx):
-            _log_frame(harness, logs, tx[i])
+    for i in range(n_tx):
+        _log_frame(harness, logs, tx[i])
     return n_tx
 
 
 @kernel
-def _take_answer(harness: Record, logs: Logs, frames: Frames, n: int) -> bool:
+def take_answer(harness: Record, logs: Logs, frames: Frames, n: int) -> bool:
     """Judge and log received frames; True once the cycle's command is complete."""
     port = harness["port"]
     cycle = harness["truth"]["minor_frames"]
+    before = port["answered"]
     for i in range(n):
         _log_frame(harness, logs, frames[i])
         take(harness["codec"], port, frames[i], cycle)
+    if port["answered"] == 1 and before == 0:
+        _log_command(harness, logs)
     return port["answered"] == 1
 
 
 @kernel
-def _close_cycle(harness: Record) -> int:
+def close_cycle(harness: Record) -> int:
     """Judge the frame, fly it, and say how the flight stands."""
     world = harness["world"]
     truth = harness["truth"]
@@ -161,15 +195,15 @@ def fly_in_memory(
     state = states[0]
     step_time = step_times[0]
     for _ in range(cycles):
-        if not _has_room(harness, logs):
+        if not has_room(harness, logs):
             return FLYING
-        n_rx = _open_cycle(harness, logs, rx)
+        n_rx = open_cycle(harness, logs, rx)
         start_ns = monotonic_ns()
         n_tx = minor_frame(load, state, rx, n_rx, tx)
         add(step_time, monotonic_ns() - start_ns)
-        if not _take_answer(harness, logs, tx, n_tx):
+        if not take_answer(harness, logs, tx, n_tx):
             return COMPUTER_SILENT
-        outcome = _close_cycle(harness)
+        outcome = close_cycle(harness)
         if outcome != FLYING:
             return outcome
     return FLYING
@@ -183,7 +217,7 @@ def _await_answer(harness: Record, logs: Logs, wire: Wire, timeout_ns: int) -> i
         n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, POLL_MS)
         if n_rx < 0:
             return BUS_LOST
-        if n_rx > 0 and _take_answer(harness, logs, wire.rx, n_rx):
+        if n_rx > 0 and take_answer(harness, logs, wire.rx, n_rx):
             return FLYING
         if monotonic_ns() > deadline_ns:
             return COMPUTER_SILENT
@@ -194,15 +228,15 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
     """Fly up to `cycles` minor frames, each waiting for the computer's answer on the bus."""
     harness = harnesses[0]
     for _ in range(cycles):
-        if not _has_room(harness, logs):
+        if not has_room(harness, logs):
             return FLYING
-        n_tx = _open_cycle(harness, logs, wire.tx)
+        n_tx = open_cycle(harness, logs, wire.tx)
         if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
             return BUS_LOST
         outcome = _await_answer(harness, logs, wire, timeout_ns)
         if outcome != FLYING:
             return outcome
-        outcome = _close_cycle(harness)
+        outcome = close_cycle(harness)
         if outcome != FLYING:
             return outcome
     return FLYING

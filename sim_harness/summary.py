@@ -14,6 +14,25 @@ def rejected(counted: dict[str, int]) -> dict[str, int]:
     return {k: n for k, n in counted.items() if k not in NOT_REJECTED}
 
 
+def pace_text(pace: float) -> str:
+    """A pace as the command line takes it."""
+    if pace <= 0.0:
+        return "lockstep"
+    return "realtime" if pace == 1.0 else f"{pace:g}x"
+
+
+def slips(run: FlightRun) -> int:
+    """Frames not finished before the next, on either side of the bus."""
+    return int(run.punctuality.get("harness_slips", 0)) + int(run.computer.get("slips", 0))
+
+
+def timing(run: FlightRun) -> dict[str, Any]:
+    """All that was measured of the flight's punctuality."""
+    keys = ("step_time_us", "step_time_bins_us", "wake_up_us", "wake_up_bins_us", "slips", "ticks")
+    computer = {key: run.computer[key] for key in keys if key in run.computer}
+    return {"computer": computer, "harness": run.punctuality}
+
+
 def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
@@ -25,7 +44,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "mission": run.plan.mission.name,
         "law": run.image.law,
         "bus": run.plan.bus,
-        "pace": "lockstep",
+        "pace": pace_text(run.plan.pace),
         "seed": run.plan.seed,
         "outcome": run.outcome_text,
         "flight_time_s": flight_time_s,
@@ -59,6 +78,10 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "command_sha256": run.command_sha256,
         "load_crc32": f"0x{run.image.crc32:08x}",
         "step_time_us": run.computer.get("step_time_us"),
+        "slips": slips(run),
+        "late_commands": run.punctuality.get("late_commands", 0),
+        "pace_held": run.punctuality.get("pace_held", True),
+        "timing": timing(run),
         "speedup": flight_time_s / run.wall_s if run.wall_s > 0.0 else 0.0,
         "compile_s": round(run.compile_s, 3),
         "computer_compile_s": run.computer.get("compile_s"),

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.modes import MODES
+from sim_harness.flight import FlightRun
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel
 
@@ -27,8 +28,9 @@ class FlightRecorder:
         if truth.size:
             self._recorder.write_truth(truth)
 
-    def progress(self, harness: npt.NDArray[np.void]) -> None:
+    def progress(self, run: FlightRun) -> None:
         """Log a change of mode."""
+        harness = run.harness
         mode = int(harness["port"]["mode"][0])
         if mode != self._mode:
             self._mode = mode

@@ -10,7 +10,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from flight_sw.modes import MODES
+from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
+from sim_harness.pacing import pace_so_far
 from tools.published import published
 
 RowDefinition = tuple[str, str, str]
@@ -56,15 +58,18 @@ class ProgressLine:
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
         """Nothing to show of single frames."""
 
-    def progress(self, harness: npt.NDArray[np.void]) -> None:
-        """Mission time, mode, speed, heat flux and bank."""
-        truth, port = harness["truth"][0], harness["port"][0]
+    def progress(self, run: FlightRun) -> None:
+        """Mission time, mode, speed, heat flux, bank; against the clock, pace and slips too."""
+        truth, port = run.harness["truth"][0], run.harness["port"][0]
         lost = (self._from_mps - truth["v_rel_mps"]) / max(self._from_mps - self._to_mps, 1.0)
         state = (
             f"{truth['t_s']:7.1f} s  {MODES[int(port['mode'])]:<8} {truth['v_rel_mps']:6.0f} m/s  "
             f"{truth['heat_flux_wpm2'] / 1e3:7.1f} kW/m2  "
             f"bank {np.degrees(truth['bank_rad']):6.1f} deg"
         )
+        if run.plan.pace > 0.0:
+            reached = pace_so_far(run)
+            state += f"  {reached:5.2f}x  {int(run.pacer['slips'][0])} slips"
         self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
 
     def waiting(self, text: str) -> None:

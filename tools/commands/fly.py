@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from sim_harness.flight import FlightRun
+    from sim_harness.flight import FlightPlan, FlightRun
+    from sim_harness.mission import Mission
     from tools.overrides import Prepared
 
 RUNS = Path("runs")
@@ -32,6 +33,24 @@ def new_folder(out: Path | None, mission: str, law: str, force: bool) -> Path:
     except OSError as error:
         raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
     return out
+
+
+def pace_factor(text: str) -> float:
+    """Mission seconds per second of the clock; 0 for lockstep."""
+    from flight_sw.__main__ import PACE_HIGH, PACE_LOW
+    from flight_sw.errors import FlightError
+
+    if text in ("lockstep", "realtime"):
+        return 1.0 if text == "realtime" else 0.0
+    try:
+        factor = float(text.removesuffix("x")) if text.endswith("x") else 0.0
+    except ValueError:
+        factor = 0.0
+    if not PACE_LOW <= factor <= PACE_HIGH:
+        raise FlightError(
+            f"--pace {text}: allowed are lockstep, realtime, or {PACE_LOW:g}x to {PACE_HIGH:g}x"
+        )
+    return factor
 
 
 def _manifest(run: "FlightRun") -> dict[str, str]:
@@ -97,6 +116,12 @@ def fly(
     bus: Annotated[
         str, typer.Option(help="unix (two processes), unix:PATH of a running hub, or memory")
     ] = "unix",
+    pace: Annotated[
+        str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
+    ] = "lockstep",
+    synchronisation: Annotated[
+        str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
+    ] = "frame",
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
@@ -118,37 +143,57 @@ def fly(
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from flight_sw.errors import FlightError
+    from sim_harness.flight import FlightPlan
     from tools.overrides import prepare
 
     prepared = prepare(mission, law, settings or [], load)
     if bus not in ("memory", "unix") and not bus.startswith(("unix:", "socketcan:")):
         raise FlightError(f"--bus {bus}: allowed are memory, unix, unix:PATH, socketcan:INTERFACE")
+    factor = pace_factor(pace)
+    if factor > 0.0 and bus == "memory":
+        raise FlightError(f"--pace {pace}: the memory bus flies in lockstep only")
+    if synchronisation not in ("frame", "clock"):
+        raise FlightError(f"--synchronisation {synchronisation}: allowed are frame, clock")
     if external_computer and bus in ("memory", "unix"):
         raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
-    _fly(prepared, bus, seed, new_folder(out, prepared.mission.name, prepared.law, force), record,
-         as_json, own_computer=not external_computer)  # fmt: skip
+    folder = new_folder(out, prepared.mission.name, prepared.law, force)
+    plan = FlightPlan(
+        mission=prepared.mission,
+        law=prepared.law,
+        load_image=prepared.load_image,
+        load_path=_load_path(prepared, folder),
+        bus=bus,
+        seed=seed,
+        recorded=record,
+        own_computer=not external_computer,
+        pace=factor,
+        synchronisation=synchronisation,
+    )
+    _fly(plan, folder, as_json)
 
 
-def _fly(prepared: "Prepared", bus: str, seed: int, folder: Path, record: bool, as_json: bool,
-         own_computer: bool) -> None:  # fmt: skip
-    from flight_sw.errors import FlightError
-    from sim_harness.flight import FlightPlan, FlightRun
-    from sim_harness.summary import summary_of
+def _load_path(prepared: "Prepared", folder: Path) -> Path:
+    """The image's file; one made for this flight is stored with it."""
     from tools.gains.image import image_path, write_atomically
+
+    if not prepared.remade:
+        return prepared.load_path
+    path = image_path(folder, prepared.law)
+    write_atomically(path, prepared.load_image)
+    return path
+
+
+def _fly(plan: "FlightPlan", folder: Path, as_json: bool) -> None:
+    from flight_sw.errors import FlightError
+    from sim_harness.flight import FlightRun
+    from sim_harness.summary import summary_of
+    from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    load_path = prepared.load_path
-    if prepared.remade:
-        load_path = image_path(folder, prepared.law)
-        write_atomically(load_path, prepared.load_image)
-    plan = FlightPlan(
-        prepared.mission, prepared.law, prepared.load_image, load_path, bus, seed,
-        recorded=record, own_computer=own_computer,
-    )  # fmt: skip
-    with ProgressLine(prepared.mission, quiet=as_json) as line:
+    with ProgressLine(plan.mission, quiet=as_json) as line:
         run = FlightRun(plan, [line])
         try:
-            failure = fly_and_record(run, folder if record else None)
+            failure = fly_and_record(run, folder if plan.recorded else None)
         finally:
             summary: dict[str, Any] = summary_of(run)
             text = json.dumps(summary, indent=1)
@@ -158,15 +203,15 @@ def _fly(prepared: "Prepared", bus: str, seed: int, folder: Path, record: bool, 
     if failure:
         raise FlightError(failure)
     if not as_json:
-        _show(summary, prepared, folder)
+        _show(summary, plan.mission, folder)
     if summary["outcome"] != "end condition":
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
 
 
-def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
+def _show(summary: dict[str, Any], mission: "Mission", folder: Path) -> None:
     from rich.console import Console
 
     from tools.show import footnote, result_table
 
-    Console().print(result_table(summary, prepared.mission))
+    Console().print(result_table(summary, mission))
     print(footnote(summary, f"{folder}/"))
