@@ -98,7 +98,7 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
     key = path[-1] if path else ""
     match error["type"]:
         case "refused":
-            return f"{where} {error['msg']}".strip()
+            return f"{where}{'' if error['msg'].startswith('.') else ' '}{error['msg']}".strip()
         case "missing":
             return f"{where} is missing, allowed {allowed_of(parent, key)}"
         case "extra_forbidden":

@@ -20,7 +20,8 @@ NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
 
 
 def refusal(text: str) -> PydanticCustomError:
-    """An error whose text continues the sentence `file: key ...`."""
+    """An error whose text continues the sentence `file: key ...`, or the key if it starts with a
+    dot."""
     return PydanticCustomError("refused", "{text}", {"text": text})
 
 
@@ -28,6 +29,8 @@ def plain(value: object) -> str:
     """A value as the mission file would show it."""
     if isinstance(value, str):
         return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, float):
         return f"{value:.12g}"
     return str(value)
@@ -48,10 +51,15 @@ class Quantity:
     meaning: str
 
     @property
-    def allowed(self) -> str:
-        """The range in words."""
+    def span(self) -> str:
+        """The range of one number in words."""
         unit = "" if self.unit == "-" else f" {self.unit}"
         return f"{self.low:.12g} to {self.high:.12g}{unit}"
+
+    @property
+    def allowed(self) -> str:
+        """What may be written."""
+        return self.span
 
     def check(self, value: object) -> float:
         """The value as a float, or a refusal."""
@@ -78,7 +86,7 @@ class Series(Quantity):
         """Range of each number and of their count."""
         order = ", strictly ascending" if self.ascending else ""
         counts = f"{self.length_min} to {self.length_max}"
-        return f"a list of {counts} numbers, each {super().allowed}{order}"
+        return f"a list of {counts} numbers, each {self.span}{order}"
 
     def check_list(self, value: object) -> tuple[float, ...]:
         """The values as floats, or a refusal that names the first bad one."""
@@ -227,12 +235,17 @@ class NewtonianAerodynamics(Section):
 
 def coefficient_rows(low: float, what: str) -> Series:
     """A table of coefficients, one list per angle of attack."""
-    return Rows("-", low, 100.0, f"{what}, a list per angle of attack, a value per Mach number")
+    return Rows("-", low, 100.0, f"{what}: a list per angle of attack, a value per Mach number")
 
 
 @dataclass(frozen=True)
 class Rows(Series):
     """A list of lists of numbers."""
+
+    @property
+    def allowed(self) -> str:
+        """Range of each number and of their counts."""
+        return f"1 to {AERO_TABLE_MAX} lists of numbers, each {self.span}"
 
     def check_rows(self, value: object) -> tuple[tuple[float, ...], ...]:
         """The rows, or a refusal."""
@@ -272,7 +285,7 @@ class TableAerodynamics(Section):
             if len(rows) != wanted[0] or any(len(row) != wanted[1] for row in rows):
                 lengths = sorted({len(row) for row in rows})
                 raise refusal(
-                    f"{key} has {len(rows)} rows of {lengths} values, "
+                    f".{key} has {len(rows)} rows of {lengths} values, "
                     f"allowed {wanted[0]} rows of {wanted[1]}"
                 )
         return self
@@ -358,7 +371,7 @@ class Axis(Section):
         """The lower stop lies below the upper one."""
         if not self.low_deg < self.high_deg:
             raise refusal(
-                f"low_deg is {plain(self.low_deg)}, allowed below high_deg {self.high_deg}"
+                f".low_deg is {plain(self.low_deg)}, allowed below high_deg {self.high_deg}"
             )
         return self
 
