@@ -371,7 +371,7 @@ class Axis(Section):
         """The lower stop lies below the upper one."""
         if not self.low_deg < self.high_deg:
             raise refusal(
-                f".low_deg is {plain(self.low_deg)}, allowed below high_deg {self.high_deg}"
+                f".low_deg is {plain(self.low_deg)}, allowed below high_deg {plain(self.high_deg)}"
             )
         return self
 
