@@ -62,6 +62,7 @@ def test_every_shipped_mission_loads_under_its_name():
         assert mission.world().flags.writeable is False
 
 
+@pytest.mark.jit_only
 def test_a_mission_of_ones_own_flies_from_its_path(own):
     mission = load_mission(own("mass_kg = 450.0", "mass_kg = 900.0"))
     world, truth = mission.world(), mission.truth()
@@ -322,6 +323,7 @@ def test_the_reference_of_keys_is_up_to_date():
     assert mission_reference.page(page) == page
 
 
+@pytest.mark.jit_only
 def test_the_example_in_the_documentation_flies(tmp_path):
     page = mission_reference.PAGE.read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from sim_harness.world.records import TRUTH
-from tests.conftest import UNCOMPILED
 from tests.sim_harness.hashed_flights import MISSIONS, flight_bytes
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.skipif(UNCOMPILED, reason="compares with the compiled flights")
+@pytest.mark.jit_only
 def test_uncompiled_flights_give_the_same_bits():
     done = subprocess.run(
         [sys.executable, "-m", "tests.sim_harness.hashed_flights"],

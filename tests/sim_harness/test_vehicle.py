@@ -10,12 +10,12 @@ from sim_harness import vehicle
 from sim_harness.mission import load_mission
 from sim_harness.navigation import NAV_STATE, measure
 from sim_harness.world import records
-from tests.conftest import UNCOMPILED
 from tests.sim_harness.flights import flown, fly, plain_mission, run
 
 LIFTING = {"model": "constant", "lift_coefficient": 2.0, "drag_coefficient": 2.5}
 
 
+@pytest.mark.jit_only
 def test_natural_peak_of_hyperion_is_the_identified_one():
     mission = load_mission("hyperion-1")
     world, truth = mission.world(), mission.truth()
@@ -23,6 +23,7 @@ def test_natural_peak_of_hyperion_is_the_identified_one():
     assert truth["heat_flux_max_wpm2"][0] == pytest.approx(1_700.5e3, abs=6e3)
 
 
+@pytest.mark.jit_only
 def test_outputs_follow_from_the_state():
     end = flown(plain_mission(vehicle__aerodynamics=LIFTING, planet__j2=1e-3), 140.0)
     rho = 1.225 * math.exp(-end["alt_m"] / 7200.0)
@@ -43,6 +44,7 @@ def test_outputs_follow_from_the_state():
     assert end["minor_frames"] == 7000
 
 
+@pytest.mark.jit_only
 def test_ground_range_adds_up_to_the_arc_flown():
     # A still planet without lift keeps the vehicle in one plane: the arc is the angle turned.
     mission = plain_mission(entry__latitude_deg=0.0, entry__heading_deg=90.0)
@@ -51,6 +53,7 @@ def test_ground_range_adds_up_to_the_arc_flown():
     assert end["ground_range_m"] == pytest.approx(6_378_137.0 * arc_rad, rel=1e-9)
 
 
+@pytest.mark.jit_only
 def test_heat_load_is_the_integral_of_the_flux():
     mission = plain_mission(vehicle__aerodynamics=LIFTING)
     world, truth = mission.world(), mission.truth()
@@ -66,6 +69,7 @@ def test_heat_load_is_the_integral_of_the_flux():
     assert truth["heat_flux_max_wpm2"][0] >= max(fluxes)
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize(
     "changes, outcome",
     [
@@ -94,6 +98,7 @@ def test_a_number_gone_wrong_ends_the_flight_as_numerical(name):
     assert vehicle.ended(world[0], truth[0]) == records.NUMERICAL
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize("bank_deg, side", [(60.0, 1.0), (-60.0, -1.0)])
 def test_positive_bank_turns_to_the_right(bank_deg, side):
     mission = plain_mission(vehicle__aerodynamics=LIFTING, entry__latitude_deg=0.0)
@@ -101,6 +106,7 @@ def test_positive_bank_turns_to_the_right(bank_deg, side):
     assert side * (end["heading_rad"] - math.radians(60.0)) > 0.02
 
 
+@pytest.mark.jit_only
 def test_halving_the_frame_of_a_lagging_axis_quarters_the_error():
     ends = []
     for rate_hz in (25.0, 50.0, 100.0):
@@ -144,7 +150,7 @@ def test_lift_is_reported_by_its_magnitude_and_all_else_as_it_is():
     assert np.isfinite(values).sum() == len(reported) + 1
 
 
-@pytest.mark.skipif(UNCOMPILED, reason="counts what compiled code allocates")
+@pytest.mark.jit_only
 def test_flight_allocates_nothing():
     mission = load_mission("hyperion-1")
     world, truth = mission.world(), mission.truth()
