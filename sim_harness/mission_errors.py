@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
-from sim_harness.mission_keys import Quantity, Section, Text, plain
+from sim_harness.quantities import Quantity, Section, Text, plain
 
 TAG = "model"
 
