@@ -23,7 +23,7 @@ V_MPS = 6500.0
 def test_a_step_from_any_state_is_that_of_the_twin() -> None:
     rng = np.random.default_rng(20260303)
     seen: set[str] = set()
-    for _ in range(1500):
+    for _ in range(700):
         case = Case("lqy")
         nav = random_nav(rng)
         random_memory(rng, case.memory, nav)

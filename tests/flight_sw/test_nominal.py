@@ -80,7 +80,7 @@ def test_smooth_step_is_flat_to_second_order_at_both_ends() -> None:
 def test_a_step_from_any_state_is_that_of_the_twin() -> None:
     rng = np.random.default_rng(20260301)
     seen: set[tuple[int, int, int, bool]] = set()
-    for _ in range(1500):
+    for _ in range(1000):
         case = Case("nominal")
         nav = random_nav(rng)
         random_memory(rng, case.memory, nav)
