@@ -64,12 +64,12 @@ def _buckets_lead_to_knots(atmosphere: Record) -> str:
     buckets = atmosphere["bucket"]
     per_m = float(atmosphere["buckets_pm"])
     span_m = float(alts_m[n - 1] - alts_m[0])
-    if not perm * span_m <= BUCKETS * (1.0 + BUCKET_TOLERANCE):
+    if not per_m * span_m <= BUCKETS * (1.0 + BUCKET_TOLERANCE):
         return f"buckets_pm is {per_m:g}, allowed to {BUCKETS / span_m:g}"
     for i, interval in enumerate(buckets):
         if interval > n - 2:
             return f"bucket[{i}] is {interval}, allowed 0 to {n - 2}"
-        edge_m = float(alts_m[0]) + i / perm
+        edge_m = float(alts_m[0]) + i / per_m
         if alts_m[interval] > edge_m + BUCKET_TOLERANCE * span_m:
             return f"bucket[{i}] is {interval}, whose knot lies above the bucket"
     return ""
