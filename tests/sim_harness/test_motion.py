@@ -160,6 +160,13 @@ def test_vertical_entry_over_the_turning_planet_is_off_by_metres(fpa_deg, off_m)
     assert miss[0] < off_m
 
 
+@pytest.mark.parametrize(
+    "x, kept", [(0.5, 0.5), (0.01, 0.1), (0.0, 0.1), (-0.01, -0.1), (-0.5, -0.5)]
+)
+def test_floor_keeps_the_sign_and_leaves_larger_values_alone(x, kept):
+    assert motion.away_from_zero(x, 0.1) == kept
+
+
 def test_turn_rates_stay_finite_at_rest():
     mission = plain_mission(planet__rotation_radps=EARTH_SPIN_RADPS)
     world, truth = mission.world()[0], mission.truth()[0]
