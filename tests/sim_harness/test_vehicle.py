@@ -44,6 +44,24 @@ def test_outputs_follow_from_the_state():
     assert end["minor_frames"] == 7000
 
 
+def test_coefficients_of_a_table_follow_the_mach_number_in_flight():
+    model = {
+        "model": "table",
+        "angle_of_attack_deg": [0.0, 40.0],
+        "mach": [0.0, 30.0],
+        "lift_coefficient": [[0.0, 3.0], [4.0, 7.0]],
+        "drag_coefficient": [[1.0, 4.0], [3.0, 6.0]],
+    }
+    mission = plain_mission(vehicle__aerodynamics=model, entry__altitude_km=60.0)
+    end = flown(mission, 2.0, alpha_deg=10.0)
+    area_m2 = 1.0 * (end["mach"] / 10.0 + 1.0)  # lift: 4 at 40 deg, 3 more at Mach 30
+    force = end["dynamic_pressure_pa"] / 1000.0
+    assert end["lift_mps2"] == pytest.approx(force * area_m2)
+    assert end["drag_mps2"] == pytest.approx(force * (area_m2 + 0.5))
+    mean_drag_mps2 = (7500.0 - end["v_rel_mps"]) / 2.0
+    assert mean_drag_mps2 == pytest.approx(end["drag_mps2"], rel=0.2)
+
+
 @pytest.mark.jit_only
 def test_ground_range_adds_up_to_the_arc_flown():
     # A still planet without lift keeps the vehicle in one plane: the arc is the angle turned.
