@@ -20,7 +20,7 @@ BUCKETS = 1024
 ATMOSPHERE = np.dtype(
     [
         ("n", "i8"),  # knots in use, at least 2
-        ("buckets_perm", "f8"),  # buckets per metre above the first knot
+        ("buckets_pm", "f8"),  # buckets per metre above the first knot
         ("alt_m", "f8", (KNOTS_MAX,)),  # knots, strictly ascending
         ("ln_rho", "f8", (KNOTS_MAX, 4)),  # ln(kg/m3) from a knot upwards, powers 0..3 of metres
         ("sound_speed_sq_m2ps2", "f8", (KNOTS_MAX,)),  # at the knots, linear between them
@@ -48,7 +48,7 @@ def interval(atmosphere: Record, alt_m: float) -> int:
     """Index of the knot at or below `alt_m`, at most the last but one."""
     alts = atmosphere["alt_m"]
     last = atmosphere["n"] - 2
-    position = (alt_m - alts[0]) * atmosphere["buckets_perm"]
+    position = (alt_m - alts[0]) * atmosphere["buckets_pm"]
     if not position > 0.0:
         return 0
     if position >= BUCKETS:

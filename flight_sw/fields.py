@@ -1,5 +1,6 @@
 """Record types with an allowed range for every field: one list gives the dtype and the checks."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,27 +25,37 @@ class Field(NamedTuple):
     record: "RecordSpec | None" = None
 
 
-class RecordSpec:
-    """A named list of fields, its numpy dtype, and a check of a record against the ranges."""
+Rule = Callable[[Record], str]
+"""What must hold between fields of a record: the complaint, empty if it holds."""
 
-    def __init__(self, name: str, *fields: Field) -> None:
+
+class RecordSpec:
+    """A named list of fields, its numpy dtype, and a check of a record against ranges and rules."""
+
+    def __init__(self, name: str, *fields: Field, rules: tuple[Rule, ...] = ()) -> None:
         self.name = name
         self.fields = fields
+        self.rules = rules
         self.dtype: np.dtype[np.void] = np.dtype(
             [(f.name, f.record.dtype if f.record else np.dtype(f.kind), f.shape) for f in fields],
             align=True,
         )
 
     @classmethod
-    def of(cls, name: str, dtype: np.dtype[np.void], *fields: Field) -> "RecordSpec":
+    def of(
+        cls, name: str, dtype: np.dtype[np.void], *fields: Field, rules: tuple[Rule, ...] = ()
+    ) -> "RecordSpec":
         """Ranges for a record type that is defined elsewhere."""
-        spec = cls(name, *fields)
+        spec = cls(name, *fields, rules=rules)
         if spec.dtype != dtype:
             raise TypeError(f"{name}: fields {spec.dtype} are not those of {dtype}")
         return spec
 
     def check(self, record: Record, where: str) -> None:
-        """Raise LoadError for the first field that is not finite, in range and ascending."""
+        """Raise LoadError for the first field that is not finite, in range and ascending.
+
+        The rules are asked last: they may rely on the ranges.
+        """
         for field in self.fields:
             path = f"{where}.{field.name}"
             if field.record is not None:
@@ -59,6 +70,9 @@ class RecordSpec:
                     raise LoadError(
                         f"{place} is {value:g}, allowed {field.low:g} to {field.high:g}"
                     )
+        for rule in self.rules:
+            if complaint := rule(record):
+                raise LoadError(f"{where}.{complaint}")
 
     @staticmethod
     def _check_rows(record: Record, field: Field, values: np.ndarray, path: str) -> None:

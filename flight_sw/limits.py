@@ -10,12 +10,19 @@ from flight_sw.types_ import Record
 UNLIMITED = 1e6  # rad/s or rad/s2: no limit at any frame rate
 LIMIT_TOLERANCE_RAD = 1e-12  # round-off of (target - previous) / dt * dt
 
+
+def _stops_in_order(limits: Record) -> str:
+    low_rad, high_rad = float(limits["low_rad"]), float(limits["high_rad"])
+    return "" if low_rad <= high_rad else f"low_rad is {low_rad:g}, allowed to {high_rad:g}"
+
+
 AXIS_LIMITS = RecordSpec(
     "axis_limits",
     Field("low_rad", -math.tau, math.tau, "smallest command"),
     Field("high_rad", -math.tau, math.tau, "largest command"),
     Field("rate_max_radps", 1e-6, UNLIMITED, "command slew"),
     Field("accel_max_radps2", 1e-6, UNLIMITED, "command slew change"),
+    rules=(_stops_in_order,),
 )
 
 LIMITER = RecordSpec(

@@ -17,11 +17,12 @@ from flight_sw.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
 from flight_sw.can.codec import CODEC, build_codec
 from flight_sw.errors import LoadError
 from flight_sw.fields import Field, RecordSpec
-from flight_sw.guidance import MARKER, law_module
+from flight_sw.guidance import LAWS, MARKER, law_module
 from flight_sw.limits import AXIS_LIMITS
 from flight_sw.modes import MODE_DESIGN
 from flight_sw.onboard import ONBOARD
 from flight_sw.plausibility import GATES
+from flight_sw.types_ import Record
 
 MAGIC = b"AEROLOAD"
 VERSION = 1
@@ -40,6 +41,7 @@ HEADER = np.dtype(
 )
 
 TELEMETRY_MESSAGES = 8
+BUCKET_TOLERANCE = 1e-6  # of the whole height, for round-off of a bucket's edge
 TELEMETRY_PREFIX = "TM_"
 HEALTH_SLOT = icd.slot("RX_HEALTH_A")
 
@@ -56,17 +58,35 @@ WIRING = np.dtype(
 """How telemetry reaches the bus: names and cycle times are looked up in the DBC at boot."""
 
 
+def _buckets_lead_to_knots(atmosphere: Record) -> str:
+    """No bucket may lead past the interval that holds its lower edge."""
+    n, alts_m = int(atmosphere["n"]), atmosphere["alt_m"]
+    buckets = atmosphere["bucket"]
+    per_m = float(atmosphere["buckets_pm"])
+    span_m = float(alts_m[n - 1] - alts_m[0])
+    if not per_m * span_m <= BUCKETS * (1.0 + BUCKET_TOLERANCE):
+        return f"buckets_pm is {per_m:g}, allowed to {BUCKETS / span_m:g}"
+    for i, interval in enumerate(buckets):
+        if interval > n - 2:
+            return f"bucket[{i}] is {interval}, allowed 0 to {n - 2}"
+        edge_m = float(alts_m[0]) + i / per_m
+        if alts_m[interval] > edge_m + BUCKET_TOLERANCE * span_m:
+            return f"bucket[{i}] is {interval}, whose knot lies above the bucket"
+    return ""
+
+
 ATMOSPHERE_TABLE = RecordSpec.of(
     "atmosphere",
     ATMOSPHERE,
     Field("n", 2, KNOTS_MAX, kind="i8"),
-    Field("buckets_perm", 1e-9, 1e3),
+    Field("buckets_pm", 1e-9, 1e3),
     Field("alt_m", -1e5, 1e8, shape=(KNOTS_MAX,), rows="n"),
     Field("ln_rho", shape=(KNOTS_MAX, 4)),
     Field("sound_speed_sq_m2ps2", 0.0, 1e9, shape=(KNOTS_MAX,)),
     Field("bucket", 0, KNOTS_MAX - 2, kind="i4", shape=(BUCKETS,)),
+    rules=(_buckets_lead_to_knots,),
 )
-"""Ranges for the shared atmosphere record: no index in it may leave its arrays."""
+"""Ranges for the shared atmosphere record: no index in it may leave the knots in use."""
 
 
 class LoadImage(NamedTuple):
@@ -76,6 +96,13 @@ class LoadImage(NamedTuple):
     mission: str
     crc32: int
     body: npt.NDArray[np.void]
+
+
+def _whole_guidance_step(body: Record) -> str:
+    step_s, expected_s = float(body["guidance_dt_s"]), body["dt_s"] * body["guidance_divider"]
+    if abs(step_s - expected_s) <= 1e-9 * expected_s:
+        return ""
+    return f"guidance_dt_s is {step_s:g}, allowed dt_s times guidance_divider, {expected_s:g}"
 
 
 def body_spec(law: str) -> RecordSpec:
@@ -93,6 +120,7 @@ def body_spec(law: str) -> RecordSpec:
         Field("modes", record=MODE_DESIGN),
         Field("gates", record=GATES),
         Field("law", record=law_module(law).DESIGN),
+        rules=(_whole_guidance_step,),
     )
 
 
@@ -121,9 +149,17 @@ def layout_hash(law: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
+def _without_padding(body: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """A copy with zeros between its fields: numpy's own copy leaves there what it found."""
+    clean = np.zeros(1, body.dtype)
+    clean[:] = body
+    return clean
+
+
 def image_bytes(law: str, mission: str, body: npt.NDArray[np.void]) -> bytes:
     """The file's bytes for a body record (shape (1,)), after checking it as the computer will."""
     body_spec(law).check(body[0], f"{law}.load")
+    body = _without_padding(body)
     header = np.zeros(1, HEADER)
     header[0] = (
         MAGIC,
@@ -166,6 +202,8 @@ def parse_image(raw: bytes, where: str) -> LoadImage:
     if found != crc32:
         raise LoadError(f"{where}: crc32 is 0x{found:08x}, its header says 0x{crc32:08x}")
     law = header["law"][0].decode(errors="replace")
+    if law not in LAWS:
+        raise LoadError(f"{where}: law is '{law}', this computer has {', '.join(LAWS)}")
     spec = body_spec(law)
     layout = header["layout"][0].decode(errors="replace")
     if layout != layout_hash(law):

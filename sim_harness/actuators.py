@@ -20,9 +20,14 @@ from sim_harness.world.motion import wrapped
 
 @kernel
 def braking_rate(distance_rad: float, accel_radps2: float, dt_s: float) -> float:
-    """Largest rate from which the axis still stops within a distance, in whole frames."""
+    """Largest rate from which the axis still stops within a distance, in whole frames.
+
+    It is lost in `slower` further frames of full deceleration and a rest of one.
+    """
     quantum = accel_radps2 * dt_s
-    return 0.5 * quantum * (math.sqrt(1.0 + 8.0 * distance_rad / (quantum * dt_s)) - 1.0)
+    root = math.sqrt(1.0 + 8.0 * distance_rad / (quantum * dt_s))
+    slower = math.floor(0.5 * (root - 1.0))
+    return distance_rad / (dt_s * (slower + 1.0)) + 0.5 * quantum * slower
 
 
 @kernel

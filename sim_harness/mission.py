@@ -20,14 +20,11 @@ from sim_harness.mission_keys import (
     Limits,
     Navigation,
     Planet,
-    Section,
     TableAtmosphere,
-    Text,
     Us76Atmosphere,
     Vehicle,
-    is_name,
-    refusal,
 )
+from sim_harness.quantities import Section, Text, is_name, refusal
 
 SHIPPED = Path(__file__).parent / "missions"
 GAINS = Path(__file__).parents[1] / "gains"

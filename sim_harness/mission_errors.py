@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
-from sim_harness.mission_keys import Quantity, Section, Text, plain
+from sim_harness.quantities import Quantity, Section, Text, plain
 
 TAG = "model"
 
@@ -98,7 +98,7 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
     key = path[-1] if path else ""
     match error["type"]:
         case "refused":
-            return f"{where} {error['msg']}".strip()
+            return f"{where}{'' if error['msg'].startswith('.') else ' '}{error['msg']}".strip()
         case "missing":
             return f"{where} is missing, allowed {allowed_of(parent, key)}"
         case "extra_forbidden":

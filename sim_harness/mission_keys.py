@@ -1,133 +1,24 @@
 """What a mission file may say: every key with its unit, range, default and meaning.
 
-docs/missions.md is generated from these classes. A quantity refuses NaN, text and values outside
-its range; infinity only passes where the range ends in it.
+docs/missions.md is generated from these classes.
 """
 
-import math
-import re
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, model_validator
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic import Field, model_validator
 
+from sim_harness.quantities import (
+    INF,
+    Quantity,
+    Rows,
+    Section,
+    Series,
+    Text,
+    is_name,
+    plain,
+    refusal,
+)
 from sim_harness.world.records import AERO_TABLE_MAX
-
-INF = math.inf
-NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
-
-
-def refusal(text: str) -> PydanticCustomError:
-    """An error whose text continues the sentence `file: key ...`."""
-    return PydanticCustomError("refused", "{text}", {"text": text})
-
-
-def plain(value: object) -> str:
-    """A value as the mission file would show it."""
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, float):
-        return f"{value:.12g}"
-    return str(value)
-
-
-def is_number(value: object) -> bool:
-    """True for what TOML calls an integer or a float."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """Unit, allowed range and meaning of a number in a mission file."""
-
-    unit: str
-    low: float
-    high: float
-    meaning: str
-
-    @property
-    def allowed(self) -> str:
-        """The range in words."""
-        unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:.12g} to {self.high:.12g}{unit}"
-
-    def check(self, value: object) -> float:
-        """The value as a float, or a refusal."""
-        if not is_number(value) or not self.low <= float(value) <= self.high:  # type: ignore[arg-type]
-            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
-        return float(value)  # type: ignore[arg-type]
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check)
-
-
-@dataclass(frozen=True)
-class Series(Quantity):
-    """A list of numbers, each in range; strictly ascending if it is a grid."""
-
-    length_max: int = 512
-    length_min: int = 1
-    ascending: bool = False
-
-    @property
-    def allowed(self) -> str:
-        """Range of each number and of their count."""
-        order = ", strictly ascending" if self.ascending else ""
-        counts = f"{self.length_min} to {self.length_max}"
-        return f"a list of {counts} numbers, each {super().allowed}{order}"
-
-    def check_list(self, value: object) -> tuple[float, ...]:
-        """The values as floats, or a refusal that names the first bad one."""
-        if not isinstance(value, list | tuple):
-            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
-        if not self.length_min <= len(value) <= self.length_max:
-            raise refusal(f"has {len(value)} values, allowed {self.allowed}")
-        for i, item in enumerate(value):
-            if not is_number(item) or not self.low <= float(item) <= self.high:
-                raise refusal(f"value {i + 1} is {plain(item)}, allowed {self.allowed}")
-            if self.ascending and i > 0 and not item > value[i - 1]:
-                raise refusal(f"value {i + 1} is {plain(item)}, allowed above {value[i - 1]}")
-        return tuple(float(item) for item in value)
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check_list)
-
-
-@dataclass(frozen=True)
-class Text:
-    """A text with a test of its form."""
-
-    meaning: str
-    allowed: str = "a text"
-    fits: Callable[[str], bool] = bool
-
-    def check(self, value: object) -> str:
-        """The text, or a refusal."""
-        if not isinstance(value, str) or not self.fits(value):
-            raise refusal(f"is {plain(value)}, allowed {self.allowed}")
-        return value
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check)
-
-
-def is_name(text: str) -> bool:
-    """True for what can name a mission, a law or a folder."""
-    return NAME_PATTERN.fullmatch(text) is not None
-
-
-class Section(BaseModel):
-    """A table of the mission file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Planet(Section):
@@ -227,25 +118,8 @@ class NewtonianAerodynamics(Section):
 
 def coefficient_rows(low: float, what: str) -> Series:
     """A table of coefficients, one list per angle of attack."""
-    return Rows("-", low, 100.0, f"{what}, a list per angle of attack, a value per Mach number")
-
-
-@dataclass(frozen=True)
-class Rows(Series):
-    """A list of lists of numbers."""
-
-    def check_rows(self, value: object) -> tuple[tuple[float, ...], ...]:
-        """The rows, or a refusal."""
-        rows = Series(self.unit, self.low, self.high, self.meaning, AERO_TABLE_MAX)
-        lists = (list, tuple)
-        if not isinstance(value, lists) or not all(isinstance(row, lists) for row in value):
-            raise refusal("is not a list of lists, allowed a list per angle of attack")
-        return tuple(rows.check_list(row) for row in value)
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.check_rows)
+    meaning = f"{what}: a list per angle of attack, a value per Mach number"
+    return Rows("-", low, 100.0, meaning, AERO_TABLE_MAX)
 
 
 class TableAerodynamics(Section):
@@ -272,7 +146,7 @@ class TableAerodynamics(Section):
             if len(rows) != wanted[0] or any(len(row) != wanted[1] for row in rows):
                 lengths = sorted({len(row) for row in rows})
                 raise refusal(
-                    f"{key} has {len(rows)} rows of {lengths} values, "
+                    f".{key} has {len(rows)} rows of {lengths} values, "
                     f"allowed {wanted[0]} rows of {wanted[1]}"
                 )
         return self
@@ -358,7 +232,7 @@ class Axis(Section):
         """The lower stop lies below the upper one."""
         if not self.low_deg < self.high_deg:
             raise refusal(
-                f"low_deg is {plain(self.low_deg)}, allowed below high_deg {self.high_deg}"
+                f".low_deg is {plain(self.low_deg)}, allowed below high_deg {plain(self.high_deg)}"
             )
         return self
 

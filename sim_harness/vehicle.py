@@ -127,8 +127,9 @@ def ended(world: Record, truth: Record) -> int:
     alt = truth["alt_m"]
     v = truth["v_rel_mps"]
     direction = truth["flight_path_angle_rad"] + truth["heading_rad"]
-    place = truth["lon_rad"] + truth["lat_rad"]
-    if not (math.isfinite(alt + v) and math.isfinite(direction + place)):
+    place = truth["lon_rad"] + truth["lat_rad"] + alt
+    heat = truth["heat_flux_wpm2"] + truth["heat_load_jpm2"]
+    if not math.isfinite(place + v + direction + heat):
         return NUMERICAL
     if v <= end["speed_mps"] or alt <= end["alt_m"]:
         return END_CONDITION

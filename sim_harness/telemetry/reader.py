@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.errors import RecordingError
-from sim_harness.telemetry.decode import Decoder, messages_of
+from sim_harness.telemetry.decode import NO_SLOT, Decoder, messages_of
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
 from sim_harness.telemetry.schema import log_schema, message_class, record_dtype
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
@@ -130,7 +130,7 @@ class Recording:
         if topic.schema is None:
             return np.zeros(0, np.dtype([("t_s", "f8")]))
         dtype = record_dtype(topic.schema)
-        tagged = [(f"tag_{n}", f"V{1 if n < 16 else 2}") for n in range(1, len(dtype) + 1)]
+        tagged = [(f"tag_{n}", f"V{1 if n < 16 else 2}") for n in range(1, len(dtype.descr) + 1)]
         wire = [part for pair in zip(tagged, dtype.descr, strict=True) for part in pair]
         payloads = np.frombuffer(b"".join(topic.payloads()), np.dtype(wire))
         out = np.zeros(len(payloads), dtype)
@@ -152,6 +152,16 @@ class Recording:
     @functools.cached_property
     def _slots(self) -> I8:
         return self.decoder.slots(self.bus)
+
+    @property
+    def frames_not_decoded(self) -> int:
+        """Frames with an unknown identifier, a wrong length or a wrong checksum."""
+        return int(np.count_nonzero(self._slots == NO_SLOT))
+
+    def value_names(self, message: str) -> dict[str, dict[int, str]]:
+        """What the values of a message's enumerations are called, by signal."""
+        signals = self.decoder.messages[self.decoder.slot(message)].signals
+        return {signal.name: dict(signal.names) for signal in signals if signal.names}
 
     def message(self, name: str) -> tuple[F8, dict[str, F8 | I8]]:
         """Every good frame of a CAN message: mission times, and values by signal."""

@@ -35,11 +35,11 @@ OPCODE_MAX = 0x0F  # the last one defined
 
 
 @kernel
-def _word(octets: U1, at: int, n: int) -> int:
+def _word(octets: U1, at: int, n: int) -> np.int64:
     """A little-endian number of `n` bytes."""
-    value = 0
+    value = np.int64(0)
     for i in range(n - 1, -1, -1):
-        value = value * 256 + octets[at + i]
+        value = value * 256 + np.int64(octets[at + i])
     return value
 
 

@@ -200,6 +200,11 @@ def layout_forms(layouts: Sequence[Layout]) -> I8:
     return forms
 
 
+def groups_of(t_s: npt.NDArray[np.float64]) -> I8:
+    """Where each minor frame begins."""
+    return np.flatnonzero(np.diff(t_s, prepend=np.nan) != 0.0)
+
+
 class RowEncoder:
     """Fills the templates of several message types, each on its own channel."""
 

@@ -113,7 +113,7 @@ class TruthTelemetry:
         self._is_words = set(sizes) == {WORD_BYTES} and sum(sizes) == dtype.itemsize
         self._sampler = Sampler(rate_hz, 1)
         self._truth = RowEncoder([layout_template(layout)], [TRUTH_CHANNEL])
-        self._location = RowEncoder([LOCATION], [LOCATION_CHANNEL])
+        self._location = RowEncoder((LOCATION,), (LOCATION_CHANNEL,))
         self._has_location = {"lat_rad", "lon_rad", "alt_m"} <= set(dtype.names or ())
 
     def encode(self, rows: Rows) -> list[Block]:

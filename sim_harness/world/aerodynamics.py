@@ -14,10 +14,11 @@ from sim_harness.world.records import AERO_CONSTANT, AERO_NEWTONIAN
 @kernel
 def share(x: float, grid: F8, i: int, n: int) -> float:
     """Where x lies in interval i of a grid, from 0 to 1; held outside, 0 on a grid of one value."""
-    if n < 2:
+    if n < 2 or x <= grid[i]:
         return 0.0
-    fraction = (x - grid[i]) / (grid[i + 1] - grid[i])
-    return min(max(fraction, 0.0), 1.0)
+    if x >= grid[i + 1]:
+        return 1.0
+    return (x - grid[i]) / (grid[i + 1] - grid[i])
 
 
 @kernel
@@ -25,11 +26,11 @@ def bilinear(table: F8, i: int, j: int, u: float, w: float) -> float:
     """Value in cell (i, j) at shares (u, w); a share of 0 does not touch the next row or column."""
     low = table[i, j]
     high = low
-    if u > 0.0:
+    if u != 0.0:
         high = table[i + 1, j]
-    if w > 0.0:
+    if w != 0.0:
         low = low + w * (table[i, j + 1] - low)
-        if u > 0.0:
+        if u != 0.0:
             high = high + w * (table[i + 1, j + 1] - high)
     return low + u * (high - low)
 

@@ -35,7 +35,7 @@ def pack(alts_m: F8, coefficients: F8, sound_speed_mps: F8) -> np.ndarray:
     record["ln_rho"][0, : n - 1] = coefficients
     record["sound_speed_sq_m2ps2"][0, :n] = np.square(sound_speed_mps)
     span_m = alts_m[-1] - alts_m[0]
-    record["buckets_perm"] = BUCKETS / span_m
+    record["buckets_pm"] = BUCKETS / span_m
     # A hair below the edge, so that round-off in the kernel never starts above its interval.
     edges_m = alts_m[0] + span_m * (np.arange(BUCKETS) / BUCKETS - 1e-9)
     record["bucket"] = np.clip(np.searchsorted(alts_m, edges_m, side="right") - 1, 0, n - 2)

@@ -13,6 +13,8 @@ import pytest
 
 from tests.sim_harness.flights import EARTH_SPIN_RADPS, flown, fly, plain_mission, traced
 
+pytestmark = pytest.mark.jit_only
+
 RHO0_KGPM3, SCALE_M = 1.225, 7200.0
 G0_MPS2 = 9.80665
 

@@ -32,6 +32,7 @@ def miss_m_mps(truth, place, velocity) -> tuple[float, float]:
     return float(np.linalg.norm(here - place)), float(np.linalg.norm(moving - velocity))
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize("j2", [0.0, EARTH_J2])
 def test_jacobi_constant_stays_for_1000_s_without_air(j2):
     mission = plain_mission(
@@ -47,6 +48,7 @@ def test_jacobi_constant_stays_for_1000_s_without_air(j2):
     assert abs(after["lat_rad"] - mission.truth()["lat_rad"][0]) > 0.3
 
 
+@pytest.mark.jit_only
 def test_orbit_closes_after_keplers_period():
     r_m = EARTH_RADIUS_M + 300e3
     v_mps = 8000.0
@@ -64,6 +66,7 @@ def test_orbit_closes_after_keplers_period():
     assert miss[1] < 1e-6
 
 
+@pytest.mark.jit_only
 def test_error_falls_with_the_fourth_power_of_the_step():
     ends = []
     for rate_hz in (2.0, 4.0, 8.0):
@@ -81,6 +84,7 @@ def test_error_falls_with_the_fourth_power_of_the_step():
     assert coarse[6] / fine[6] == pytest.approx(16.0, rel=0.1)
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize("latitude_deg", [40.0, -40.0])
 @pytest.mark.parametrize("heading_deg, bank_deg", [(60.0, 50.0), (-150.0, -100.0)])
 @pytest.mark.parametrize("spin_radps, j2", [(EARTH_SPIN_RADPS, EARTH_J2), (-3e-4, 0.05)])
@@ -100,6 +104,7 @@ def test_flight_agrees_with_the_cartesian_twin(latitude_deg, heading_deg, bank_d
     assert miss[1] < 1e-5
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize("latitude_deg", [60.0, -60.0])
 def test_flight_over_a_pole_comes_down_the_other_side(latitude_deg):
     mission = plain_mission(
@@ -119,6 +124,7 @@ def test_flight_over_a_pole_comes_down_the_other_side(latitude_deg):
 POLE_DISTANCE_PER_DEG_M = 6_678e3 * 0.5 * math.pi / 180.0  # from 60 deg latitude at 300 km
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize(
     "distance_m, off_m",
     [(600.0, 0.05), (60.0, 30.0), (6.0, 1000.0)],
@@ -136,6 +142,7 @@ def test_flight_past_a_pole_is_off_by_no_more_than_stated(distance_m, off_m):
     assert miss[0] < off_m
 
 
+@pytest.mark.jit_only
 @pytest.mark.parametrize(
     "fpa_deg, off_m", [(-89.99, 1e-5), (-90.0, 3.0)], ids=["beyond the floor", "vertical"]
 )
@@ -151,6 +158,13 @@ def test_vertical_entry_over_the_turning_planet_is_off_by_metres(fpa_deg, off_m)
     miss = miss_m_mps(end, *twin.fly(mission.truth()[0], 30.0, 0.0))
     assert end["alt_m"] < 30e3
     assert miss[0] < off_m
+
+
+@pytest.mark.parametrize(
+    "x, kept", [(0.5, 0.5), (0.01, 0.1), (0.0, 0.1), (-0.01, -0.1), (-0.5, -0.5)]
+)
+def test_floor_keeps_the_sign_and_leaves_larger_values_alone(x, kept):
+    assert motion.away_from_zero(x, 0.1) == kept
 
 
 def test_turn_rates_stay_finite_at_rest():

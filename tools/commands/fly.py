@@ -187,6 +187,7 @@ def _fly(plan: "FlightPlan", folder: Path, as_json: bool) -> None:
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
     from sim_harness.summary import summary_of
+    from sim_harness.world.records import PHYSICAL_ENDS
     from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
@@ -204,7 +205,7 @@ def _fly(plan: "FlightPlan", folder: Path, as_json: bool) -> None:
         raise FlightError(failure)
     if not as_json:
         _show(summary, plan.mission, folder)
-    if summary["outcome"] != "end condition":
+    if run.outcome not in PHYSICAL_ENDS:
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
 
 

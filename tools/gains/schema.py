@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 from flight_sw.errors import DesignError
 from flight_sw.guidance import LAWS
 from sim_harness.mission_errors import sentence
-from sim_harness.mission_keys import INF, Quantity, Section, Series, Text, refusal
+from sim_harness.quantities import INF, Quantity, Section, Series, Text, refusal
 
 
 class Timing(Section):

@@ -1,0 +1,198 @@
+"""Slow twin of the guidance laws: plain floats, written from the paper's equations.
+
+[MOOIJ18] Eqs. 7-23 and 28-32 with the corrections that docs/equations.md lists; exponential air,
+the Newtonian coefficients of the mission file, memory in a dictionary named as the law's state.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from flight_sw.types_ import Record
+
+RHO0_KGPM3, AIR_SCALE_M = 1.225, 7050.0
+NEWTONIAN = {"n1": 0.7976, "n2": 1.5954, "a1": 0.0795, "a2": 0.9108}  # hyperion-1.toml, m2
+MASS_KG, RADIUS_M, MU, OMEGA, G0 = 450.0, 6378137.0, 3.986004418e14, 7.292115e-5, 9.81
+SIN_GAMMA_LIMIT = 0.99
+
+Values = dict[str, Any]
+
+
+def values_of(record: Record) -> Values:
+    """A record's numbers by name; nested records become nested dictionaries."""
+    return {
+        name: values_of(record[name])
+        if record.dtype[name].names
+        else np.array(record[name]).tolist()
+        for name in record.dtype.names
+    }
+
+
+def areas_m2(alpha_rad: float) -> tuple[float, float]:
+    """CD S and CL S, Newtonian."""
+    s, c = math.sin(alpha_rad), math.cos(alpha_rad)
+    normal = NEWTONIAN["n1"] * s**2 + NEWTONIAN["n2"] * s * c
+    axial = NEWTONIAN["a1"] * c**2 + NEWTONIAN["a2"] * s**2
+    return normal * s + axial * c, normal * c - axial * s
+
+
+def density(alt_m: float) -> float:
+    """Exponential air."""
+    return RHO0_KGPM3 * math.exp(-alt_m / AIR_SCALE_M)
+
+
+def quintic(x: float) -> float:
+    """The paper's smooth step, held outside 0 to 1."""
+    x = 0.0 if x < 0.0 else 1.0 if x > 1.0 else x
+    return 6 * x**5 - 15 * x**4 + 10 * x**3
+
+
+def path_command(
+    c_n: float, n: float, v: float, k: float, g: float, h_s: float
+) -> tuple[float, float]:
+    """Eq. 12 corrected, and Eq. 13 as it stands in the paper."""
+    sine = -c_n * (n / v ** (n - 2)) * (h_s / (2 * k)) / (v**2 + n * g * h_s)
+    sine = max(-SIN_GAMMA_LIMIT, min(SIN_GAMMA_LIMIT, sine))
+    gamma = math.asin(sine)
+    above = 2 * n**2 * k * h_s * (v ** (n - 1) + g * h_s * (n - 2) * v ** (n - 3))
+    below = (2 * k * v ** (n - 2) * (v**2 + g * n * h_s)) ** 2
+    return gamma, c_n / math.cos(gamma) * above / below
+
+
+class NominalTwin:
+    """Nominal guidance: `design` and `memory` as the law's records name them."""
+
+    def __init__(self, design: Values, memory: Values) -> None:
+        self.design, self.memory = design, memory
+
+    def _watch(self, q: float, c_6: float) -> None:
+        d, m = self.design, self.memory
+        if m["phase"] == 0:
+            m["heat_flux_peak_wpm2"] = max(q, m["heat_flux_peak_wpm2"])
+            m["falling"] = m["falling"] + 1 if q < m["heat_flux_prev_wpm2"] else 0
+            if m["falling"] >= 2:
+                m["phase"] = 1
+        if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"]:
+            over = d["heat_flux_max_wpm2"] / m["heat_flux_peak_wpm2"]
+            m["tracking_constant"] = c_6 * over if over > 1.0 else c_6
+            m["phase"] = 2
+        m["heat_flux_prev_wpm2"] = q
+
+    def _constant(self, rho: float, v: float, dt: float) -> float:
+        d, m = self.design, self.memory
+        n_max = d["load_factor_max_g"]
+        start = d["transition_start_ratio"] * n_max
+        if m["phase"] == 2 and m["load_factor_g"] >= start:
+            m["phase"], m["transition_time_s"] = 3, 0.0
+        if m["phase"] == 2:
+            m["flow_exponent"] = 6.0
+            return float(m["tracking_constant"])
+        n_x = (m["load_factor_g"] - start) / (n_max - start)  # Eq. 18
+        m["flow_exponent"] = 6 - 4 * quintic(n_x)  # Eq. 19
+        if m["released"]:
+            m["released_s"] += dt
+        elif m["flow_exponent"] < d["release_exponent"]:
+            m["released"] = 1
+        t_x = m["transition_time_s"] / d["transition_duration_s"]  # Eq. 21
+        m["transition_time_s"] += dt
+        here = rho * v ** m["flow_exponent"]  # Eq. 20
+        return float(m["tracking_constant"] - (m["tracking_constant"] - here) * quintic(t_x))
+
+    def _pid(self, gamma: float, dt: float) -> float:
+        d, m = self.design, self.memory
+        error = m["gamma_cmd_rad"] - gamma
+        slope = (error - m["gamma_error_prev_rad"]) / dt if m["gamma_started"] else 0.0
+        m["gamma_started"], m["gamma_error_prev_rad"] = 1, error
+        m["gamma_integral_rads"] += error * dt
+        return float(
+            d["k_gamma_p_mps2prad"] * error
+            + d["k_gamma_i_mps3prad"] * m["gamma_integral_rads"]
+            + d["k_gamma_d_mpsprad"] * slope
+        )
+
+    def _bank(self, nav: Values, rho: float, dt: float, c_n: float) -> tuple[float, int]:
+        d, m = self.design, self.memory
+        v, gamma, r = nav["v_rel_mps"], nav["flight_path_angle_rad"], RADIUS_M + nav["alt_m"]
+        lat, chi, n = nav["lat_rad"], nav["heading_rad"], m["flow_exponent"]
+        drag_m2, lift_m2 = areas_m2(m["alpha_rad"])
+        q_dyn = rho * v**2 / 2
+        drag, lift, g = q_dyn * drag_m2 / MASS_KG, q_dyn * lift_m2 / MASS_KG, MU / r**2
+        h_s = d["scale_height_m"]
+        gc, slope = path_command(c_n, n, v, MASS_KG / drag_m2, g, h_s)
+        m["gamma_cmd_rad"] = gc
+        v_dot = -drag - g * math.sin(gamma)  # Eq. 1
+        others = (  # Eq. 15
+            -g * math.cos(gc)
+            + 2 * OMEGA * v * math.cos(lat) * math.sin(chi)
+            + v**2 / r * math.cos(gc)
+            + OMEGA**2 * r * math.cos(lat)
+            * (math.cos(lat) * math.cos(gc) + math.sin(gc) * math.sin(lat) * math.cos(chi))
+        )  # fmt: skip
+        # Eqs. 14 and 16, the PID as an acceleration
+        cosine = (v * slope * v_dot + self._pid(gamma, dt) - others) / lift
+        bank = math.acos(max(-1.0, min(1.0, cosine)))
+        ratio = rho * v**n / c_n
+        m["constant_ratio"] = ratio
+        change = ratio * (-v * math.sin(gamma) / h_s + n * v_dot / v)
+        k_d = np.interp(n, [2, 6], [d["k_flow_d_load_rads"], d["k_flow_d_heat_flux_rads"]])
+        bank += d["k_flow_p_rad"] * (ratio - 1) + k_d * change  # Eq. 23
+        return max(0.0, min(math.pi, float(bank))), int(abs(cosine) > 1.0)
+
+    def step(self, nav: Values, dt: float) -> int:
+        """One step: command and memory are left in `memory`; 1 where a cosine saturated."""
+        d, m = self.design, self.memory
+        v, rho = nav["v_rel_mps"], density(nav["alt_m"])
+        if m["phase"] < 2:
+            self._watch(nav["heat_flux_wpm2"], rho * v**6)
+        m["alpha_rad"] = d["alpha_before_peak_rad" if m["phase"] == 0 else "alpha_after_peak_rad"]
+        m["load_factor_g"] = rho * v**2 / (2 * MASS_KG * G0) * math.hypot(*areas_m2(m["alpha_rad"]))
+        if m["phase"] < 2:
+            m["flow_exponent"], m["bank_rad"] = 6.0, d["bank_before_tracking_rad"]
+            return 0
+        c_n = self._constant(rho, v, dt)
+        m["bank_rad"], code = self._bank(nav, rho, dt, c_n)
+        return code
+
+
+def energy_jpkg(nav: Values) -> float:
+    """Kinetic and potential energy above the sphere."""
+    r = RADIUS_M + nav["alt_m"]
+    return float(nav["v_rel_mps"] ** 2 / 2 + MU / RADIUS_M - MU / r)
+
+
+class LqyTwin:
+    """Nominal guidance with the inner loop."""
+
+    def __init__(self, design: Values, memory: Values) -> None:
+        self.loop, self.design, self.memory = design["inner_loop"], design["nominal"], memory
+        self.nominal = NominalTwin(design["nominal"], memory["nominal"])
+
+    def _gain(self, name: str, energy: float) -> float:
+        n = self.loop["n_rows"]
+        return float(np.interp(energy, self.loop["energy_jpkg"][:n], self.loop[name][:n]))
+
+    def _heat_flux_error(self, nav: Values) -> float:
+        q, q_max = nav["heat_flux_wpm2"], self.design["heat_flux_max_wpm2"]
+        if abs(q - q_max) >= self.loop["band_ratio"] * q_max:
+            return 0.0
+        inner = self.memory["nominal"]
+        gamma_off = nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"]
+        dh = self.loop["lead_s"] * nav["v_rel_mps"] * gamma_off  # Eq. 30
+        lead = -q / (2 * self.design["scale_height_m"]) * dh
+        fading = 1 - quintic(inner["released_s"] / self.loop["decay_s"])  # Eq. 31, one minus it
+        return float((q - q_max + lead) * fading)
+
+    def step(self, nav: Values, dt: float) -> tuple[float, int]:
+        """One step: the bank command and 1 where a cosine saturated."""
+        m, inner = self.memory, self.memory["nominal"]
+        code = self.nominal.step(nav, dt)
+        if inner["phase"] < 2:
+            return inner["bank_rad"], code
+        energy = energy_jpkg(nav)
+        m["heat_flux_error_wpm2"] = self._heat_flux_error(nav)
+        by_heat = -self._gain("k_heat_flux_radm2pw", energy) * m["heat_flux_error_wpm2"]
+        excess_g = max(0.0, inner["load_factor_g"] - self.design["load_factor_max_g"])
+        by_load = -self._gain("k_load_radpg", energy) * excess_g
+        m["correction_rad"] = max(by_heat, by_load, key=abs)  # Eq. 28, the larger of the two
+        return max(0.0, min(math.pi, inner["bank_rad"] + m["correction_rad"])), code

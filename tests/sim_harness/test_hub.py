@@ -1,0 +1,292 @@
+"""The hub: everybody hears everybody else, nobody waits for the slow, and it leaves no trace."""
+
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flight_sw.can.sockets import BUS_LOST, new_io, open_bus, recv_frames, send_frames
+from flight_sw.dictionary import FRAME
+from flight_sw.errors import BusError
+from sim_harness.bus.hub import Hub
+from sim_harness.bus.pump import CLIENTS_MAX, QUEUE_FRAMES, new_hub, pump
+
+ROOT = Path(__file__).parents[2]
+WAIT_S = 10.0
+ALLOCATIONS = ("NRT_Allocate", "NRT_MemInfo_alloc")
+
+
+class Client:
+    """One connection with its own scratch."""
+
+    def __init__(self, path: Path) -> None:
+        self.socket = open_bus(f"unix:{path}")
+        self.io = new_io()
+
+    def send(self, frames: np.ndarray) -> int:
+        return int(send_frames(self.socket.fileno(), self.io[0], frames, len(frames)))
+
+    def receive(self, count: int, timeout_ms: int = 3000) -> np.ndarray:
+        """`count` frames, or what came before the time-out or the end."""
+        got = [np.zeros(0, FRAME)]
+        while sum(map(len, got)) < count:
+            frames = np.zeros(count - sum(map(len, got)), FRAME)
+            n = recv_frames(self.socket.fileno(), self.io[0], frames, len(frames), timeout_ms)
+            if n <= 0:
+                break
+            got.append(frames[:n])
+        return np.concatenate(got)
+
+    def is_lost(self, timeout_ms: int = 3000) -> bool:
+        frames = np.zeros(1, FRAME)
+        return recv_frames(self.socket.fileno(), self.io[0], frames, 1, timeout_ms) == BUS_LOST
+
+
+def numbered(n: int, can_id: int = 0x100) -> np.ndarray:
+    frames = np.zeros(n, FRAME)
+    frames["can_id"] = can_id
+    frames["dlc"] = 8
+    frames["data"] = np.arange(n)
+    return frames
+
+
+def wait_until(claim: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not claim():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def hub(tmp_path: Path) -> Iterator[Hub]:
+    with Hub(tmp_path / "bus") as running:
+        yield running
+
+
+def clients_of(hub: Hub, count: int) -> list[Client]:
+    before = hub.stats.clients
+    clients = [Client(hub.path) for _ in range(count)]
+    wait_until(lambda: hub.stats.clients == before + count)
+    return clients
+
+
+def test_a_frame_reaches_every_client_but_its_sender_unchanged(hub: Hub) -> None:
+    clients = clients_of(hub, 4)
+    frames = numbered(1)
+    frames["can_id"] = 0xE0000123
+    frames["pad"], frames["res0"], frames["len8_dlc"] = 1, 2, 3
+    frames["data"] = 0xFEDCBA9876543210
+    clients[1].send(frames)
+    for i in (0, 2, 3):
+        assert clients[i].receive(1).tobytes() == frames.tobytes()
+    assert len(clients[1].receive(1, 50)) == 0
+    assert hub.stats.frames_received == 1
+    assert hub.stats.frames_sent == 3
+
+
+def test_all_clients_hear_the_same_order(hub: Hub) -> None:
+    clients = clients_of(hub, 4)
+    senders = [
+        threading.Thread(target=clients[i].send, args=(numbered(2000, can_id=i),)) for i in (0, 1)
+    ]
+    for sender in senders:
+        sender.start()
+    heard = [clients[i].receive(4000) for i in (2, 3)]
+    for sender in senders:
+        sender.join()
+    assert heard[0].tobytes() == heard[1].tobytes()
+    for can_id in (0, 1):
+        own = heard[0][heard[0]["can_id"] == can_id]
+        assert own.tobytes() == numbered(2000, can_id).tobytes()
+
+
+def test_a_client_that_does_not_read_delays_nobody_and_loses_only_its_own(hub: Hub) -> None:
+    sender, sleeper, reader = clients_of(hub, 3)
+    count = 4 * QUEUE_FRAMES
+    frames = numbered(count)
+    thread = threading.Thread(target=sender.send, args=(frames,))
+    thread.start()
+    assert reader.receive(count).tobytes() == frames.tobytes()
+    thread.join()
+    wait_until(lambda: hub.stats.frames_received == count)
+    dropped = hub.stats.frames_dropped
+    assert 0 < dropped < count - QUEUE_FRAMES
+    late = sleeper.receive(count - dropped)
+    assert late.tobytes() == frames[: count - dropped].tobytes()
+    assert len(sleeper.receive(1, 50)) == 0
+
+
+def test_a_client_that_wakes_up_hears_what_comes_next(hub: Hub) -> None:
+    sender, sleeper = clients_of(hub, 2)
+    sender.send(numbered(3 * QUEUE_FRAMES))
+    wait_until(lambda: hub.stats.frames_received == 3 * QUEUE_FRAMES)
+    sleeper.receive(3 * QUEUE_FRAMES - hub.stats.frames_dropped)
+    sender.send(numbered(5, can_id=7))
+    assert sleeper.receive(5).tobytes() == numbered(5, can_id=7).tobytes()
+
+
+@pytest.mark.parametrize("wrong", [b"x", b"x" * 15, b"x" * 17, b"x" * 72, b""])
+def test_a_packet_that_is_no_frame_is_counted_and_not_passed_on(hub: Hub, wrong: bytes) -> None:
+    sender, reader = clients_of(hub, 2)
+    sender.socket.send(wrong)
+    wait_until(lambda: hub.stats.packets_refused == 1)
+    sender.send(numbered(1))
+    assert reader.receive(1).tobytes() == numbered(1).tobytes()
+    assert reader.io["wrong_size"][0] == 0
+    assert hub.stats.clients == 2
+
+
+def test_the_last_frames_of_a_client_that_leaves_are_delivered(hub: Hub) -> None:
+    leaver, reader = clients_of(hub, 2)
+    reader.send(numbered(3))  # unread there: its end is a reset
+    leaver.send(numbered(100))
+    leaver.socket.close()
+    assert reader.receive(100).tobytes() == numbered(100).tobytes()
+    wait_until(lambda: hub.stats.clients == 1)
+
+
+def test_clients_come_and_go(hub: Hub) -> None:
+    reader = clients_of(hub, 1)[0]
+    for i in range(3 * CLIENTS_MAX):
+        visitor = clients_of(hub, 1)[0]
+        visitor.send(numbered(1, can_id=i))
+        assert reader.receive(1)["can_id"][0] == i
+        visitor.socket.close()
+        wait_until(lambda: hub.stats.clients == 1)
+    assert hub.stats.connections == 3 * CLIENTS_MAX + 1
+
+
+def test_one_client_too_many_is_turned_away(hub: Hub) -> None:
+    clients = clients_of(hub, CLIENTS_MAX)
+    assert Client(hub.path).is_lost()
+    clients[0].send(numbered(1))
+    assert len(clients[-1].receive(1)) == 1
+
+
+def test_stopping_ends_every_connection_and_removes_the_file(tmp_path: Path) -> None:
+    hub = Hub(tmp_path / "bus").start()
+    client = clients_of(hub, 1)[0]
+    assert stat.S_ISSOCK(hub.path.stat().st_mode)
+    hub.stop()
+    hub.stop()
+    assert client.is_lost()
+    assert not hub.path.exists()
+    assert client.send(numbered(1)) == BUS_LOST
+
+
+def test_a_hub_can_be_started_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        with Hub(tmp_path / "bus") as hub:
+            a, b = clients_of(hub, 2)
+            a.send(numbered(1))
+            assert len(b.receive(1)) == 1
+
+
+def test_no_descriptor_stays_open(tmp_path: Path) -> None:
+    with Hub(tmp_path / "bus"):
+        pass
+    before = len(os.listdir("/proc/self/fd"))
+    with Hub(tmp_path / "bus") as hub:
+        for client in clients_of(hub, 3):
+            client.socket.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_path_with_a_live_hub_is_refused_and_that_hub_lives_on(hub: Hub) -> None:
+    with pytest.raises(BusError, match=f"{hub.path}: in use by another hub"):
+        Hub(hub.path).start()
+    a, b = clients_of(hub, 2)
+    a.send(numbered(1))
+    assert len(b.receive(1)) == 1
+
+
+def test_the_socket_file_of_a_dead_hub_is_replaced(tmp_path: Path) -> None:
+    dead = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    dead.bind(str(tmp_path / "bus"))
+    dead.close()
+    with Hub(tmp_path / "bus") as hub:
+        clients_of(hub, 1)
+
+
+def test_a_hub_removes_no_file_but_its_own(tmp_path: Path) -> None:
+    hub = Hub(tmp_path / "bus").start()
+    hub.path.unlink()
+    hub.path.write_text("somebody else's")
+    hub.stop()
+    assert hub.path.read_text() == "somebody else's"
+
+
+def test_a_hub_that_cannot_listen_says_why_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    sentences = {
+        tmp_path / "file": "exists and is not a socket",
+        tmp_path / "none" / "bus": f"folder {tmp_path / 'none'} does not exist",
+        Path("/" + "x" * 107): "path of 108 bytes, a socket's has at most 107",
+    }
+    for path, sentence in sentences.items():
+        with pytest.raises(BusError, match=f"{path}: {sentence}"):
+            Hub(path).start()
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_a_folder_without_permission_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(BusError, match=f"no permission to create a socket in {tmp_path}"):
+        Hub(tmp_path / "bus").start()
+
+
+@pytest.mark.jit_only
+def test_the_pump_allocates_nothing(fresh_compile: Callable[..., Any]) -> None:
+    frames, queues = np.zeros(64, FRAME), np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME)
+    kernel = fresh_compile(pump, new_hub(), queues, new_io(), frames)
+    text = kernel.inspect_asm(kernel.signatures[0])
+    assert "sendmmsg" in text
+    assert not [name for name in ALLOCATIONS if name in text]
+
+
+@pytest.mark.jit_only
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_runs_a_hub_until_a_signal_and_tells_what_it_moved(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    path = tmp_path / "bus"
+    command = "import sys; from tools.commands.bus import app; app(['hub', sys.argv[1]])"
+    with subprocess.Popen(
+        [sys.executable, "-c", command, str(path)],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        assert process.stderr.readline() == f"bus on {path}, Ctrl-C ends it\n"
+        a, b = Client(path), Client(path)
+        a.send(numbered(3))
+        a.socket.send(b"x")
+        a.send(numbered(4))
+        if len(b.receive(7, 500)) < 7:  # sent before b was let in
+            a.send(numbered(7))
+            assert len(b.receive(7)) > 0
+        process.send_signal(number)
+        out, _ = process.communicate(timeout=WAIT_S)
+        assert process.returncode == 0
+    assert not path.exists()
+    lines = [line.split("  ")[0] for line in out.splitlines()]
+    assert lines == [
+        "clients connected", "frames received", "frames delivered", "frames dropped",
+        "packets refused",
+    ]  # fmt: skip
+    assert "clients connected  2\n" in out
+    assert "packets refused    1  (not of 16 bytes)\n" in out

@@ -1,0 +1,27 @@
+"""`aeroshell export`: a recording as tables for other programs."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export(
+    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
+    form: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
+    out: Annotated[Path | None, typer.Option(help="folder [default: beside the recording]")] = None,
+    force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
+) -> None:
+    """Write every CAN message, the truth, the log and the raw frames as a table each."""
+    from sim_harness.telemetry.reader import open_recording
+    from tools.flight_tables import export as write
+
+    recording = open_recording(flight)
+    if not recording.is_complete:
+        sys.stderr.write(
+            f"{flight}: incomplete, exported is the flight until {recording.until_s:.2f} s\n"
+        )
+    folder = out or flight.with_name(f"{flight.stem}-{form}")
+    for path in write(recording, form, folder, force=force):
+        print(path)

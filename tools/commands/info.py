@@ -1,0 +1,80 @@
+"""`aeroshell info`: what is in a recording."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+DISPLAY = {  # SI unit at the end of a name: factor and unit to show
+    "wpm2": (1e-3, "kW/m2"),
+    "jpm2": (1e-6, "MJ/m2"),
+    "pa": (1e-3, "kPa"),
+    "m": (1e-3, "km"),
+    "mps": (1.0, "m/s"),
+    "mps2": (1.0, "m/s2"),
+    "g": (1.0, "g"),
+}
+
+
+def info(
+    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
+    as_json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+) -> None:
+    """Tell what a recording holds: manifest, modes, events, extremes, and whether it is whole."""
+    from sim_harness.telemetry.reader import open_recording
+    from tools.flight_facts import facts
+
+    found = facts(open_recording(flight))
+    print(json.dumps(found, indent=1) if as_json else _text(found))
+
+
+def _text(found: dict[str, Any]) -> str:
+    sections = [
+        ("", [_state(found), _contents(found)]),
+        ("manifest", _pairs(found["manifest"])),
+        ("outcome", _pairs(found["outcome"])),
+        ("modes", [f"{m['t_s']:9.2f} s  {m['mode']}" for m in found["modes"]]),
+        ("events", [f"{e['t_s']:9.2f} s  {e['level']:<7}  {e['text']}" for e in found["events"]]),
+        ("extremes", [_extreme(extreme) for extreme in found["extremes"]]),
+    ]
+    lines = []
+    for title, content in sections:
+        if content:
+            lines += ["", title] if title else []
+            lines += [f"  {line}" if title else line for line in content]
+    return "\n".join(lines)
+
+
+def _state(found: dict[str, Any]) -> str:
+    flown = f"{found['until_s']:.2f} s of flight"
+    if found["is_complete"]:
+        return f"{found['path']}: complete, {flown}"
+    return f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
+
+
+def _contents(found: dict[str, Any]) -> str:
+    parts = [
+        f"{found['frames']:,} CAN frames in {found['minor_frames']:,} minor frames",
+        f"{found['truth_rows']:,} samples of the truth",
+        f"{found['bytes'] / 1e6:.1f} MB",
+        "attached " + (", ".join(found["attachments"]) or "nothing"),
+    ]
+    if found["missing_minor_frames"]:
+        parts.append(f"{found['missing_minor_frames']:,} minor frames missing")
+    if found["frames_not_decoded"]:
+        parts.append(f"{found['frames_not_decoded']:,} frames of no known form")
+    if not found["is_of_this_dbc"]:
+        parts.append("read through its own DBC, which is not this version's")
+    return "; ".join(parts)
+
+
+def _pairs(items: dict[str, str]) -> list[str]:
+    width = max((len(key) for key in items), default=0)
+    return [f"{key:<{width}}  {value}" for key, value in items.items()]
+
+
+def _extreme(extreme: dict[str, Any]) -> str:
+    factor, unit = DISPLAY[extreme["name"].rsplit("_", 1)[-1]]
+    value = extreme["value"] * factor
+    return f"{extreme['title']:<22} {value:12,.3f} {unit:<6} at {extreme['t_s']:9.2f} s"
