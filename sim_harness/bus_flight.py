@@ -69,7 +69,7 @@ class BusFlight:
             folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="aeroshell-"))
             path = Path(folder) / "bus"
             run.waiting("compiling the bus for this processor, once")
-            resources.enter_context(Hub(path, punctual=plan.pace > 0.0))
+            resources.enter_context(Hub(path, prompt=plan.pace > 0.0))
             address = f"unix:{path}"
         self.bus: socket.socket = resources.enter_context(open_bus(address))
         self.computer: ComputerProcess | None = None

@@ -20,6 +20,7 @@ import numpy as np
 from flight_sw.can.sockets import BATCH, UNIX_PATH_MAX_BYTES, new_io
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
+from flight_sw.privileges import take_priority
 from sim_harness.bus.pump import (
     ACCEPT,
     CLIENTS_MAX,
@@ -168,7 +169,9 @@ class Hub:
         return int(pump(self._hub, self._queues, self._io, self._frames))
 
     def _run(self) -> None:
-        if not self.prompt:
+        if self.prompt:
+            take_priority()  # where it is permitted
+        else:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         while True:
             events = self._pump()
