@@ -1,5 +1,6 @@
 """The codec against cantools, against frames worked out by hand, and at the ends of every range."""
 
+import dataclasses
 import math
 import random
 
@@ -7,7 +8,16 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.can.codec import CODEC, OK, OUT_OF_RANGE, build_codec, highest, pack, unpack
+from flight_sw.can.codec import (
+    CODEC,
+    OK,
+    OUT_OF_RANGE,
+    _fill_signal,
+    build_codec,
+    highest,
+    pack,
+    unpack,
+)
 from flight_sw.can.e2e import protect
 from flight_sw.jit import kernel
 from tests.flight_sw.bus_twin import (
@@ -179,6 +189,15 @@ def test_rounding_is_to_the_nearest_and_ties_go_to_even(steps: float, raw: int) 
     assert (steps * scale) / scale == steps
     found, _ = read_back("TM_NOMINAL_B", encoded("TM_NOMINAL_B", values, 0)[0])
     assert found[icd.value_index("TM_NOMINAL_B", "flow_exponent")] == raw * scale
+
+
+def test_a_limit_that_its_product_misses_by_a_bit_may_still_be_sent() -> None:
+    odd = dataclasses.replace(SIGNALS[0][1], scale=0.1, offset=0.0, low=-0.3, high=0.3)
+    codec = np.zeros(1, CODEC)
+    _fill_signal(codec[0], 0, odd)
+    assert 3 * 0.1 > 0.3
+    assert (codec["low"][0, 0], codec["high"][0, 0]) == (3 * -0.1, 3 * 0.1)
+    assert (codec["raw_low"][0, 0], codec["raw_high"][0, 0]) == (-3, 3)
 
 
 def test_bits_without_a_signal_are_sent_as_zero_and_ignored() -> None:
