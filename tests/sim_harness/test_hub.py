@@ -19,7 +19,15 @@ from flight_sw.can.sockets import BUS_LOST, new_io, open_bus, recv_frames, send_
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from sim_harness.bus.hub import Hub
-from sim_harness.bus.pump import CLIENTS_MAX, QUEUE_FRAMES, new_hub, pump
+from sim_harness.bus.pump import (
+    CLIENTS_MAX,
+    OPEN,
+    QUEUE_FRAMES,
+    _deliver,
+    _flush,
+    new_hub,
+    pump,
+)
 
 ROOT = Path(__file__).parents[2]
 WAIT_S = 10.0
@@ -126,6 +134,22 @@ def test_a_client_that_does_not_read_delays_nobody_and_loses_only_its_own(hub: H
     late = sleeper.receive(count - dropped)
     assert late.tobytes() == frames[: count - dropped].tobytes()
     assert len(sleeper.receive(1, 50)) == 0
+
+
+def test_new_frames_wait_behind_queued_ones_even_if_the_socket_has_room() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    hub, queue, io = new_hub(), np.zeros(QUEUE_FRAMES, FRAME), new_io()
+    client = hub["client"][0]
+    client[0] = (ours.fileno(), OPEN, 1, 0)
+    queue[0] = numbered(1, can_id=1)[0]
+    _deliver(hub[0], queue, io[0], client[0], numbered(2, can_id=2), 2)
+    with pytest.raises(BlockingIOError):
+        theirs.recv(16, socket.MSG_DONTWAIT)
+    _flush(hub[0], queue, io[0], client[0])
+    assert [theirs.recv(16)[0] for _ in range(3)] == [1, 2, 2]
+    assert hub["frames_sent"][0] == 3
+    ours.close()
+    theirs.close()
 
 
 def test_a_client_that_wakes_up_hears_what_comes_next(hub: Hub) -> None:
