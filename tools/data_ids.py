@@ -62,9 +62,7 @@ def choose(name: str, used: tuple[IdList, ...]) -> IdList:
             ids.append(dice.choice(free))
         if len(ids) == COUNTER_VALUES:
             return tuple(ids)
-    raise DesignError(
-        f"{name}: no list of data ids found beside {len(used)} in {ATTEMPTS} attempts"
-    )
+    raise DesignError(f"{name}: no list of data ids found beside {len(used)} others")
 
 
 def main() -> int:
