@@ -169,11 +169,15 @@ def _take_fix(load: Record, state: Record) -> None:
     accepted = state["accepted"]
     counter = fresh[gate.TIME]
     complete = counter != NO_SLOT
+    passed_cycles = np.int64(1)
     for slot in NAV_SLOTS:
         complete = complete and fresh[slot] == counter
     if counter != NO_SLOT:
         state["time_refused"] = 0
-        state["cycle"] = math.floor(accepted[gate.T] / load["dt_s"] + 0.5)
+        cycle = np.int64(math.floor(accepted[gate.T] / load["dt_s"] + 0.5))
+        # Cycles of which nothing came count too: the gates widen with all that passed.
+        passed_cycles = max(cycle - np.int64(state["cycle"]), np.int64(1))
+        state["cycle"] = cycle
         if not complete:
             state["incomplete_sets"] += 1
     else:
@@ -183,7 +187,7 @@ def _take_fix(load: Record, state: Record) -> None:
     if not complete:
         state["fix_valid"] = 0
         state["fixes_in_row"] = 0
-        state["cycles_without_fix"] += 1
+        state["cycles_without_fix"] += passed_cycles
         return
     state["fix_valid"] = 1
     state["had_fix"] = 1

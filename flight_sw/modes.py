@@ -14,6 +14,7 @@ ENTRY_SENSED = 2  # sensed deceleration above the threshold
 SLOW = 4  # below the speed at which the law ends
 NAV_LOST = 8  # no fix for longer than the time-out
 NAV_BACK = 16  # fixes again, enough of them in a row
+BACK_IN_ENTRY = 32  # the same, and deceleration is sensed: no detour by the attitude of coasting
 
 TRANSITIONS = (  # first matching row wins
     (STANDBY, READY, COAST),
@@ -21,6 +22,7 @@ TRANSITIONS = (  # first matching row wins
     (ENTRY, NAV_LOST, SAFE),
     (COAST, ENTRY_SENSED, ENTRY),
     (ENTRY, SLOW, TERMINAL),
+    (SAFE, BACK_IN_ENTRY, ENTRY),
     (SAFE, NAV_BACK, COAST),
 )
 
@@ -63,4 +65,6 @@ def conditions(design: Record, state: Record) -> int:
         bits |= NAV_LOST
     if state["fixes_in_row"] >= design["nav_return_cycles"]:
         bits |= NAV_BACK
+        if bits & ENTRY_SENSED:
+            bits |= BACK_IN_ENTRY
     return bits

@@ -46,7 +46,7 @@ GATES = RecordSpec(
     Field("sensed_margin_mps2", 0.0, 1e5, "and beyond that"),
     Field("heat_flux_ratio_ps", 0.0, 1e3, "change of heat flux a second, of its value"),
     Field("heat_flux_margin_wpm2", 0.0, 1e9, "and beyond that"),
-    Field("attitude_margin_rad", 1e-6, 10.0, "beyond what lies between flown and commanded"),
+    Field("attitude_margin_rad", 1e-6, 10.0, "a cycle, beyond the way from flown to commanded"),
 )
 
 
@@ -64,10 +64,10 @@ def _on_the_way(angle_rad: float, flown_rad: float, command_rad: float, margin_r
 
 
 @kernel
-def _attitude(gates: Record, state: Record, values: F8) -> bool:
-    """Flown angles lie between those flown last and those commanded."""
+def _attitude(gates: Record, state: Record, values: F8, cycles: int) -> bool:
+    """Flown angles lie between those flown last and those commanded, within a margin a cycle."""
     nav = state["nav"]
-    margin_rad = gates["attitude_margin_rad"]
+    margin_rad = gates["attitude_margin_rad"] * cycles
     bank = state["bank_limiter"]
     alpha = state["alpha_limiter"]
     if bank["started"] == 0:
@@ -132,5 +132,5 @@ def plausible(load: Record, state: Record, slot: int, values: F8) -> bool:
         step_s = values[T] - nav["t_s"]
         return 0.5 * load["dt_s"] <= step_s <= span_s + TIME_SLACK_CYCLES * load["dt_s"]
     if slot == ATTITUDE:
-        return _attitude(gates, state, values)
+        return _attitude(gates, state, values, cycles)
     return _sensed(gates, nav, slot, values, cycles, span_s)

@@ -2,8 +2,7 @@
 
 All that the kernels need to know of a message stands in one record of flat arrays, built from the
 DBC at boot. Rounding and scaling are those of cantools: to the nearest raw value, ties to even.
-
-Limits: bits that belong to no signal are sent as zero and not looked at when received.
+Bits that belong to no signal are sent as zero, and a received word that has one set is refused.
 """
 
 import numpy as np
@@ -13,6 +12,7 @@ from flight_sw.can.crc import POSITIONS, counter_table, crc_table
 from flight_sw.dictionary import CAN_ID_MASK
 from flight_sw.icd import (
     COUNTER_VALUES,
+    E2E_SIGNALS,
     FRAME_BYTES,
     LAYOUT,
     N_MESSAGES,
@@ -27,6 +27,9 @@ from flight_sw.types_ import F8, Record
 OK = 0
 OUT_OF_RANGE = 1  # a value outside its signal's range, or not a number
 NO_SLOT = -1
+PROTECTION = sum(((1 << bits) - 1) << first for first, bits in E2E_SIGNALS.values())
+WORD = (1 << 64) - 1
+NO_BITS = np.uint64(0)
 BASE_CYCLE_MS = 20  # one minor frame at the rate the DBC is written for
 
 CODEC = np.dtype(
@@ -38,6 +41,7 @@ CODEC = np.dtype(
         ("dlc", "u1", (N_MESSAGES,)),
         ("first_value", "i4", (N_MESSAGES,)),  # of a message, in the flat vector of values
         ("n_signals", "i4", (N_MESSAGES,)),
+        ("spare", "u8", (N_MESSAGES,)),  # bits of a word that belong to nothing
         ("shift", "u8", (N_VALUES,)),
         ("mask", "u8", (N_VALUES,)),  # of the raw value, after the shift
         ("sign", "u8", (N_VALUES,)),  # the raw value's sign bit, 0 for an unsigned signal
@@ -80,6 +84,8 @@ def _fill_message(codec: Record, slot: int, first_value: int, message: Message) 
     codec["first_value"][slot] = first_value
     codec["n_signals"][slot] = len(message.signals)
     codec["crc_counter"][slot] = counter_table(message.data_ids)
+    used = sum(((1 << s.bits) - 1) << s.start_bit for s in message.signals)
+    codec["spare"][slot] = ~(used | PROTECTION) & WORD
     for index, signal in enumerate(message.signals, start=first_value):
         _fill_signal(codec, index, signal)
 
@@ -107,7 +113,9 @@ def raw_value(codec: Record, index: int, word: np.uint64) -> np.int64:
 
 @kernel
 def in_range(codec: Record, slot: int, word: np.uint64) -> bool:
-    """Whether every signal of the word lies in its range."""
+    """Whether every signal of the word lies in its range, and no bit is set that has no meaning."""
+    if word & codec["spare"][slot] != NO_BITS:
+        return False
     first = codec["first_value"][slot]
     low = codec["raw_low"]
     high = codec["raw_high"]
@@ -146,9 +154,3 @@ def pack(codec: Record, slot: int, values: F8) -> tuple[np.uint64, int]:
         raw = np.int64(round((value - codec["offset"][i]) / codec["scale"][i]))
         word |= (np.uint64(raw) & codec["mask"][i]) << codec["shift"][i]
     return word, OK
-
-
-@kernel
-def highest(codec: Record, index: int) -> float:
-    """The largest value that a signal carries: where a counter has to stop."""
-    return codec["high"][index]

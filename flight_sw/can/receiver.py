@@ -16,7 +16,7 @@ from flight_sw.can.codec import NO_SLOT, in_range, unpack
 from flight_sw.can.codec import OK as UNPACKED
 from flight_sw.can.e2e import counter_of, crc_ok
 from flight_sw.dictionary import CAN_ID_MASK
-from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, value_index
+from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, layout, value_index
 from flight_sw.jit import kernel
 from flight_sw.types_ import F8, Record
 
@@ -72,8 +72,8 @@ HEALTH_UNKNOWN_ID = value_index("RX_HEALTH_B", "unknown_id")
 HEALTH_INCOMPLETE_SETS = value_index("RX_HEALTH_B", "incomplete_sets")
 HEALTH_LOST = value_index("RX_HEALTH_C", "lost")
 HEALTH_FOREIGN = value_index("RX_HEALTH_C", "foreign")
-COUNT_13_BITS = 0x1FFF
-COUNT_16_BITS = 0xFFFF
+REFUSED_MAX = int(layout("RX_HEALTH_A").signals[0].high)
+MISSED_MAX = int(layout("RX_HEALTH_C").signals[0].high)
 
 
 @kernel
@@ -185,13 +185,13 @@ def rejected(rx_state: Record) -> np.int64:
 def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
     """The RX_HEALTH signals; a counter stays at the most that its signal carries."""
     counted = rx_state["counted"]
-    values[HEALTH_WRONG_CRC] = min(counted[WRONG_CRC], COUNT_13_BITS)
-    values[HEALTH_REPEATED] = min(counted[REPEATED], COUNT_13_BITS)
-    values[HEALTH_WRONG_SEQUENCE] = min(counted[WRONG_SEQUENCE], COUNT_13_BITS)
-    values[HEALTH_WRONG_LENGTH] = min(counted[WRONG_LENGTH], COUNT_13_BITS)
-    values[HEALTH_OUT_OF_RANGE] = min(counted[OUT_OF_RANGE], COUNT_13_BITS)
-    values[HEALTH_IMPLAUSIBLE] = min(counted[IMPLAUSIBLE], COUNT_13_BITS)
-    values[HEALTH_UNKNOWN_ID] = min(counted[UNKNOWN_ID], COUNT_13_BITS)
-    values[HEALTH_INCOMPLETE_SETS] = min(incomplete_sets, COUNT_13_BITS)
-    values[HEALTH_LOST] = min(rx_state["lost_frames"], COUNT_16_BITS)
-    values[HEALTH_FOREIGN] = min(counted[FOREIGN], COUNT_16_BITS)
+    values[HEALTH_WRONG_CRC] = min(counted[WRONG_CRC], REFUSED_MAX)
+    values[HEALTH_REPEATED] = min(counted[REPEATED], REFUSED_MAX)
+    values[HEALTH_WRONG_SEQUENCE] = min(counted[WRONG_SEQUENCE], REFUSED_MAX)
+    values[HEALTH_WRONG_LENGTH] = min(counted[WRONG_LENGTH], REFUSED_MAX)
+    values[HEALTH_OUT_OF_RANGE] = min(counted[OUT_OF_RANGE], REFUSED_MAX)
+    values[HEALTH_IMPLAUSIBLE] = min(counted[IMPLAUSIBLE], REFUSED_MAX)
+    values[HEALTH_UNKNOWN_ID] = min(counted[UNKNOWN_ID], REFUSED_MAX)
+    values[HEALTH_INCOMPLETE_SETS] = min(incomplete_sets, REFUSED_MAX)
+    values[HEALTH_LOST] = min(rx_state["lost_frames"], MISSED_MAX)
+    values[HEALTH_FOREIGN] = min(counted[FOREIGN], MISSED_MAX)

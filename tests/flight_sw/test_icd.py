@@ -20,7 +20,7 @@ AGREED = {  # identifier: name, sender, cycle in ms
     0x025: ("NAV_HEATING", "HARNESS", 20),
     0x02F: ("NAV_TIME", "HARNESS", 20),
     0x030: ("FSW_STATUS", "FSW", 20),
-    0x040: ("FSW_BOOT", "FSW", 500),
+    0x040: ("FSW_BOOT", "FSW", 100),
     0x041: ("GROUND_REQUEST", "HARNESS", 0),
     0x050: ("TM_NOMINAL_A", "FSW", 100),
     0x051: ("TM_NOMINAL_B", "FSW", 100),

@@ -11,7 +11,7 @@ from flight_sw import modes
 from flight_sw.computer import state_dtype
 from flight_sw.modes import MODE_DESIGN, MODES, conditions, next_mode
 
-CONDITIONS = ("READY", "ENTRY_SENSED", "SLOW", "NAV_LOST", "NAV_BACK")
+CONDITIONS = ("READY", "ENTRY_SENSED", "SLOW", "NAV_LOST", "NAV_BACK", "BACK_IN_ENTRY")
 BITS = {name: getattr(modes, name) for name in CONDITIONS}
 
 
@@ -26,12 +26,13 @@ def twin(mode: str, holding: set[str]) -> str:
     if mode == "ENTRY":
         return "TERMINAL" if "SLOW" in holding else "ENTRY"
     if mode == "SAFE":
-        return "COAST" if "NAV_BACK" in holding else "SAFE"
+        back = "COAST" if "NAV_BACK" in holding else "SAFE"
+        return "ENTRY" if "BACK_IN_ENTRY" in holding else back
     return "TERMINAL"  # for good
 
 
 def test_conditions_are_separate_bits() -> None:
-    assert sorted(BITS.values()) == [1, 2, 4, 8, 16]
+    assert sorted(BITS.values()) == [1, 2, 4, 8, 16, 32]
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -113,3 +114,13 @@ def test_navigation_is_back_after_enough_fixes_in_a_row(
 ) -> None:
     state["fixes_in_row"] = fixes
     assert conditions(design, state) == (modes.NAV_BACK if back else 0)
+
+
+@pytest.mark.parametrize(("drag_mps2", "bits"), [
+    (0.0, modes.NAV_BACK), (6.0, modes.ENTRY_SENSED | modes.NAV_BACK | modes.BACK_IN_ENTRY),
+])  # fmt: skip
+def test_navigation_that_is_back_in_entry_is_told_apart(
+    design: Any, state: Any, drag_mps2: float, bits: int
+) -> None:
+    state["fixes_in_row"], state["nav"]["drag_mps2"] = 10, drag_mps2
+    assert conditions(design, state) == bits

@@ -90,8 +90,8 @@ def reaches(cycles: int) -> dict[str, float]:
         "heading_rad": 1.0 * span_s,
         "drag_mps2": cycles * (1.5 * FIX["drag_mps2"] + 0.5),
         "lift_mps2": cycles * (1.5 * FIX["lift_mps2"] + 0.5),
-        "bank_rad": 0.05,  # at the commanded angle
-        "alpha_rad": 0.05,
+        "bank_rad": cycles * 0.05,  # at the commanded angle
+        "alpha_rad": cycles * 0.05,
         "heat_flux_wpm2": 2.0 * span_s * FIX["heat_flux_wpm2"] + 2000.0 * cycles,
     }
 

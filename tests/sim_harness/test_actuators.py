@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_harness.actuators import follow
+from sim_harness.actuators import braking_rate, follow
 from sim_harness.assembly import actuator_row
 from sim_harness.mission_keys import Axis
 from sim_harness.world.records import ACTUATOR
@@ -93,12 +93,22 @@ def test_axis_with_stops_goes_the_long_way():
     assert path[-1, 0] == pytest.approx(-170.0)
 
 
-def test_axis_that_hits_a_stop_at_speed_stays_there():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_axis_that_hits_a_stop_at_speed_stays_there(side):
     axis = actuator(accel_max_degps2=5.0, low_deg=-10.0, high_deg=10.0)
-    assert follow(axis, math.radians(9.99), math.radians(20.0), math.radians(10.0), DT_S) == (
-        pytest.approx(math.radians(10.0)),
-        0.0,
-    )
+    near, fast, stop = (math.radians(side * x) for x in (9.99, 20.0, 10.0))
+    assert follow(axis, near, fast, stop, DT_S) == (pytest.approx(stop), 0.0)
+
+
+@pytest.mark.parametrize("distance_rad", [1e-6, 1e-4, 0.01, 0.37, 3.0])
+def test_braking_from_the_allowed_rate_ends_exactly_at_the_distance(distance_rad):
+    accel_radps2 = 0.09
+    rate = braking_rate(distance_rad, accel_radps2, DT_S)
+    covered = 0.0
+    while rate > 0.0:
+        covered += rate * DT_S
+        rate -= accel_radps2 * DT_S
+    assert covered == pytest.approx(distance_rad, rel=1e-9)
 
 
 def test_nan_command_is_not_hidden():

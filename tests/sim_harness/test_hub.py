@@ -19,7 +19,15 @@ from flight_sw.can.sockets import BUS_LOST, new_io, open_bus, recv_frames, send_
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from sim_harness.bus.hub import Hub
-from sim_harness.bus.pump import CLIENTS_MAX, QUEUE_FRAMES, new_hub, pump
+from sim_harness.bus.pump import (
+    CLIENTS_MAX,
+    OPEN,
+    QUEUE_FRAMES,
+    _deliver,
+    _flush,
+    new_hub,
+    pump,
+)
 
 ROOT = Path(__file__).parents[2]
 WAIT_S = 10.0
@@ -38,14 +46,15 @@ class Client:
 
     def receive(self, count: int, timeout_ms: int = 3000) -> np.ndarray:
         """`count` frames, or what came before the time-out or the end."""
-        got = [np.zeros(0, FRAME)]
-        while sum(map(len, got)) < count:
-            frames = np.zeros(count - sum(map(len, got)), FRAME)
-            n = recv_frames(self.socket.fileno(), self.io[0], frames, len(frames), timeout_ms)
+        frames = np.zeros(count, FRAME)
+        got = 0
+        while got < count:
+            room = frames[got:]
+            n = recv_frames(self.socket.fileno(), self.io[0], room, len(room), timeout_ms)
             if n <= 0:
                 break
-            got.append(frames[:n])
-        return np.concatenate(got)
+            got += n
+        return frames[:got]
 
     def is_lost(self, timeout_ms: int = 3000) -> bool:
         frames = np.zeros(1, FRAME)
@@ -98,7 +107,7 @@ def test_all_clients_hear_the_same_order(hub: Hub) -> None:
     clients = clients_of(hub, 4)
     senders = [
         threading.Thread(target=clients[i].send, args=(numbered(2000, can_id=i),)) for i in (0, 1)
-    ]
+    ]  # together fewer than fit into a queue
     for sender in senders:
         sender.start()
     heard = [clients[i].receive(4000) for i in (2, 3)]
@@ -112,12 +121,13 @@ def test_all_clients_hear_the_same_order(hub: Hub) -> None:
 
 def test_a_client_that_does_not_read_delays_nobody_and_loses_only_its_own(hub: Hub) -> None:
     sender, sleeper, reader = clients_of(hub, 3)
-    count = 4 * QUEUE_FRAMES
+    burst = QUEUE_FRAMES // 4
+    count = 16 * burst
     frames = numbered(count)
-    thread = threading.Thread(target=sender.send, args=(frames,))
-    thread.start()
-    assert reader.receive(count).tobytes() == frames.tobytes()
-    thread.join()
+    for start in range(0, count, burst):
+        sent = frames[start : start + burst]
+        assert sender.send(sent) == burst
+        assert reader.receive(burst).tobytes() == sent.tobytes()
     wait_until(lambda: hub.stats.frames_received == count)
     dropped = hub.stats.frames_dropped
     assert 0 < dropped < count - QUEUE_FRAMES
@@ -126,12 +136,28 @@ def test_a_client_that_does_not_read_delays_nobody_and_loses_only_its_own(hub: H
     assert len(sleeper.receive(1, 50)) == 0
 
 
+def test_new_frames_wait_behind_queued_ones_even_if_the_socket_has_room() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    hub, queue, io = new_hub(), np.zeros(QUEUE_FRAMES, FRAME), new_io()
+    client = hub["client"][0]
+    client[0] = (ours.fileno(), OPEN, 1, 0)
+    queue[0] = numbered(1, can_id=1)[0]
+    _deliver(hub[0], queue, io[0], client[0], numbered(2, can_id=2), 2)
+    with pytest.raises(BlockingIOError):
+        theirs.recv(16, socket.MSG_DONTWAIT)
+    _flush(hub[0], queue, io[0], client[0])
+    assert [theirs.recv(16)[0] for _ in range(3)] == [1, 2, 2]
+    assert hub["frames_sent"][0] == 3
+    ours.close()
+    theirs.close()
+
+
 def test_a_client_that_wakes_up_hears_what_comes_next(hub: Hub) -> None:
     sender, sleeper = clients_of(hub, 2)
-    sender.send(numbered(3 * QUEUE_FRAMES))
+    assert sender.send(numbered(3 * QUEUE_FRAMES)) == 3 * QUEUE_FRAMES
     wait_until(lambda: hub.stats.frames_received == 3 * QUEUE_FRAMES)
     sleeper.receive(3 * QUEUE_FRAMES - hub.stats.frames_dropped)
-    sender.send(numbered(5, can_id=7))
+    assert sender.send(numbered(5, can_id=7)) == 5
     assert sleeper.receive(5).tobytes() == numbered(5, can_id=7).tobytes()
 
 
@@ -140,7 +166,7 @@ def test_a_packet_that_is_no_frame_is_counted_and_not_passed_on(hub: Hub, wrong:
     sender, reader = clients_of(hub, 2)
     sender.socket.send(wrong)
     wait_until(lambda: hub.stats.packets_refused == 1)
-    sender.send(numbered(1))
+    assert sender.send(numbered(1)) == 1
     assert reader.receive(1).tobytes() == numbered(1).tobytes()
     assert reader.io["wrong_size"][0] == 0
     assert hub.stats.clients == 2
@@ -148,8 +174,8 @@ def test_a_packet_that_is_no_frame_is_counted_and_not_passed_on(hub: Hub, wrong:
 
 def test_the_last_frames_of_a_client_that_leaves_are_delivered(hub: Hub) -> None:
     leaver, reader = clients_of(hub, 2)
-    reader.send(numbered(3))  # unread there: its end is a reset
-    leaver.send(numbered(100))
+    assert reader.send(numbered(3)) == 3  # unread there: its end is a reset
+    assert leaver.send(numbered(100)) == 100
     leaver.socket.close()
     assert reader.receive(100).tobytes() == numbered(100).tobytes()
     wait_until(lambda: hub.stats.clients == 1)
@@ -159,7 +185,7 @@ def test_clients_come_and_go(hub: Hub) -> None:
     reader = clients_of(hub, 1)[0]
     for i in range(3 * CLIENTS_MAX):
         visitor = clients_of(hub, 1)[0]
-        visitor.send(numbered(1, can_id=i))
+        assert visitor.send(numbered(1, can_id=i)) == 1
         assert reader.receive(1)["can_id"][0] == i
         visitor.socket.close()
         wait_until(lambda: hub.stats.clients == 1)
@@ -169,7 +195,7 @@ def test_clients_come_and_go(hub: Hub) -> None:
 def test_one_client_too_many_is_turned_away(hub: Hub) -> None:
     clients = clients_of(hub, CLIENTS_MAX)
     assert Client(hub.path).is_lost()
-    clients[0].send(numbered(1))
+    assert clients[0].send(numbered(1)) == 1
     assert len(clients[-1].receive(1)) == 1
 
 
@@ -188,7 +214,7 @@ def test_a_hub_can_be_started_again(tmp_path: Path) -> None:
     for _ in range(2):
         with Hub(tmp_path / "bus") as hub:
             a, b = clients_of(hub, 2)
-            a.send(numbered(1))
+            assert a.send(numbered(1)) == 1
             assert len(b.receive(1)) == 1
 
 
@@ -205,8 +231,9 @@ def test_no_descriptor_stays_open(tmp_path: Path) -> None:
 def test_a_path_with_a_live_hub_is_refused_and_that_hub_lives_on(hub: Hub) -> None:
     with pytest.raises(BusError, match=f"{hub.path}: in use by another hub"):
         Hub(hub.path).start()
+    wait_until(lambda: hub.stats.connections == 1 and hub.stats.clients == 0)  # its probe left
     a, b = clients_of(hub, 2)
-    a.send(numbered(1))
+    assert a.send(numbered(1)) == 1
     assert len(b.receive(1)) == 1
 
 
@@ -273,11 +300,11 @@ def test_the_command_runs_a_hub_until_a_signal_and_tells_what_it_moved(
         assert process.stderr is not None
         assert process.stderr.readline() == f"bus on {path}, Ctrl-C ends it\n"
         a, b = Client(path), Client(path)
-        a.send(numbered(3))
+        assert a.send(numbered(3)) == 3
         a.socket.send(b"x")
-        a.send(numbered(4))
+        assert a.send(numbered(4)) == 4
         if len(b.receive(7, 500)) < 7:  # sent before b was let in
-            a.send(numbered(7))
+            assert a.send(numbered(7)) == 7
             assert len(b.receive(7)) > 0
         process.send_signal(number)
         out, _ = process.communicate(timeout=WAIT_S)

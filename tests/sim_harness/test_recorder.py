@@ -76,6 +76,7 @@ def test_library_reads_all_of_it_with_checksums_in_order_of_time(flight: Path) -
         reader = make_reader(file, validate_crcs=True)
         times = [m.log_time for _, _, m in reader.iter_messages()]
         summary = reader.get_summary()
+    assert all(m.publish_time == m.log_time for _, _, m in found)
     lines = len(open_recording(flight).log)
     assert len(found) == len(times) == 100 + 20 * (len(icd.MESSAGES) + 2) + lines
     assert times == sorted(times)
@@ -120,7 +121,7 @@ def test_location_is_the_truths_in_degrees(flight: Path) -> None:
     assert [m.timestamp.ToNanoseconds() for _, m in messages] == [t_ns for t_ns, _ in messages]
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 16, 1000, 1001])
+@pytest.mark.parametrize("count", [1, 7, 8, 16, 1000, 1001, 1024, 2500])
 def test_minor_frames_of_any_size_come_back(tmp_path: Path, count: int) -> None:
     rows = np.zeros(count + 1, BUS_LOG)
     rows["t_s"][-1] = DT_S

@@ -10,9 +10,10 @@ from sim_harness import vehicle
 from sim_harness.mission import load_mission
 from sim_harness.navigation import NAV_STATE, measure
 from sim_harness.world import records
-from tests.sim_harness.flights import flown, fly, plain_mission, run
+from tests.sim_harness.flights import flown, fly, plain_mission, run, traced
 
 LIFTING = {"model": "constant", "lift_coefficient": 2.0, "drag_coefficient": 2.5}
+NEWTONIAN = {"model": "newtonian", "n1": 0.8, "n2": 1.6, "a1": 0.08, "a2": 0.9}
 
 
 @pytest.mark.jit_only
@@ -42,6 +43,33 @@ def test_outputs_follow_from_the_state():
     assert end["energy_jpkg"] == pytest.approx(0.5 * v * v + fall)
     assert end["t_s"] == 140.0
     assert end["minor_frames"] == 7000
+
+
+def test_forces_reported_are_those_of_the_angle_reached_at_the_end_of_a_frame():
+    mission = plain_mission(
+        vehicle__aerodynamics=NEWTONIAN,
+        entry__altitude_km=60.0,
+        actuators__alpha__rate_max_degps=20.0,
+    )
+    end = flown(mission, 1.0, alpha_deg=40.0)
+    s, c = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    normal, axial = 0.8 * s * s + 1.6 * s * c, 0.08 * c * c + 0.9 * s * s
+    force = end["dynamic_pressure_pa"] / 1000.0
+    assert end["alpha_rad"] == pytest.approx(math.radians(20.0))
+    assert end["lift_mps2"] == pytest.approx(force * (normal * c - axial * s), rel=1e-9)
+    assert end["drag_mps2"] == pytest.approx(force * (normal * s + axial * c), rel=1e-9)
+
+
+@pytest.mark.jit_only
+def test_peaks_are_the_largest_values_on_the_way():
+    mission = plain_mission(vehicle__aerodynamics=LIFTING)
+    flight = traced(mission, 50 * 400)
+    end = flown(mission, 400.0)
+    rho = 1.225 * np.exp(-flight["alt_m"] / 7200.0)
+    pressures = 0.5 * rho * np.square(flight["v_rel_mps"])
+    assert end["load_factor_max_g"] == flight["load_factor_g"].max() > end["load_factor_g"]
+    assert end["heat_flux_max_wpm2"] == flight["heat_flux_wpm2"].max() > end["heat_flux_wpm2"]
+    assert end["dynamic_pressure_max_pa"] == pytest.approx(pressures.max())
 
 
 def test_coefficients_of_a_table_follow_the_mach_number_in_flight():
@@ -125,16 +153,18 @@ def test_positive_bank_turns_to_the_right(bank_deg, side):
 
 
 @pytest.mark.jit_only
-def test_halving_the_frame_of_a_lagging_axis_quarters_the_error():
+@pytest.mark.parametrize("axis, name", [("bank", "heading_rad"), ("alpha", "v_rel_mps")])
+def test_halving_the_frame_of_a_lagging_axis_quarters_the_error(axis, name):
     ends = []
     for rate_hz in (25.0, 50.0, 100.0):
         mission = plain_mission(
-            vehicle__aerodynamics=LIFTING,
-            actuators__bank__rate_max_degps=2.0,
+            vehicle__aerodynamics=NEWTONIAN,
             guidance__rate_hz=rate_hz,
             entry__altitude_km=70.0,
+            entry__angle_of_attack_deg=40.0 if axis == "bank" else 0.0,
+            **{f"actuators__{axis}__rate_max_degps": 1.0},
         )
-        ends.append(flown(mission, 40.0, bank_deg=60.0)["heading_rad"])
+        ends.append(flown(mission, 20.0, bank_deg=60.0, alpha_deg=40.0)[name])
     assert (ends[0] - ends[1]) / (ends[1] - ends[2]) == pytest.approx(4.0, rel=0.1)
 
 
