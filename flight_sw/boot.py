@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
+from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
 from flight_sw.can.receiver import VERDICTS
-from flight_sw.can.sockets import new_io, open_bus
+from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
@@ -73,14 +74,15 @@ class Announcer:
     counter: int = 0
     _over: threading.Event = field(default_factory=threading.Event)
 
-    def announce(self) -> None:
+    def announce(self) -> bool:
         """Send one FSW_BOOT; a bus that takes none is noticed by the loop that follows."""
         frame = boot_frame(self.image.crc32, self.image.law, self.state, self.counter)
         self.counter += 1
         try:
             self.bus.send(frame, socket.MSG_DONTWAIT)
         except OSError:
-            return
+            return False
+        return True
 
     def __enter__(self) -> "Announcer":
         self._thread = threading.Thread(target=self._repeat, daemon=True)
@@ -115,7 +117,7 @@ class FlightComputer:
         self.executive = np.zeros(1, EXECUTIVE)
         self.executive["synchronisation"] = SYNCHRONISATIONS.index(timing.synchronisation)
         self.executive["period_ns"] = round(float(self.load["dt_s"][0]) / timing.pace * 1e9)
-        self.bus = open_bus(bus_address)
+        self.bus = open_bus(bus_address, hears=identifiers_from("HARNESS"))
         self.bus.setblocking(False)
         self.io = new_io(RX_CAPACITY)
         self.rx = np.zeros(RX_CAPACITY, FRAME)
@@ -168,10 +170,17 @@ class FlightComputer:
         gc.disable()
         outcome = RUNNING
         while outcome == RUNNING and not self.asked_to_end:
-            if not self.executive["cycles"][0]:
-                announcer.announce()
+            if not self.executive["cycles"][0] and announcer.announce():
+                self.executive["down_ns"] = 0
             outcome = self._serve(self.state, self.executive, SLICE_NS)
         return outcome
+
+    def bus_down_s(self) -> float:
+        """How long the interface has been down."""
+        total_ns = int(self.executive["down_total_ns"][0])
+        if since_ns := int(self.executive["down_ns"][0]):
+            total_ns += time.monotonic_ns() - since_ns
+        return total_ns / 1e9
 
     def report(self) -> dict[str, Any]:
         """What the computer can tell of its flight."""
@@ -185,6 +194,11 @@ class FlightComputer:
             "frames_sent": int(executive["frames_sent"]),
             "verdicts": {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)},
             "wrong_size": int(self.io["wrong_size"][0]),
+            "error_frames": int(executive["error_frames"]),
+            "error_counters": [int(n) for n in executive["error_counters"]],
+            "frames_dropped": frames_dropped(self.bus),
+            "bus_losses": int(executive["bus_losses"]),
+            "bus_down_s": round(self.bus_down_s(), 3),
             "false_ticks": int(executive["false_ticks"]),
             "incomplete_sets": int(state["incomplete_sets"]),
             "tx_refused": int(state["tx_refused"]),
@@ -207,6 +221,6 @@ def boot(load_path: Path, bus_address: str, timing: Timing) -> None:
     sys.stdout.flush()
     computer.bus.close()
     if outcome == BUS_LOST:
-        raise FlightError(
-            f"{bus_address}: the bus was lost after {computer.executive['cycles'][0]} cycles"
-        )
+        cycles, down_s = int(computer.executive["cycles"][0]), computer.bus_down_s()
+        how = f", its interface down for {down_s:.1f} s" if down_s > 0.0 else ""
+        raise FlightError(f"{bus_address}: the bus was lost after {cycles} cycles{how}")

@@ -6,15 +6,19 @@ and comes back to Python a few times a second so that signals are seen. Three wa
 * lockstep: for frames, however long they take; time is what the time message says.
 * frame-synchronised: for frames, but a cycle whose time message is overdue is closed by a tick.
 * clocked: for absolute deadlines a period apart; what has arrived by then is the cycle's.
+
+An interface that goes down is not the end: the cycles go on by ticks, so that mode and time are
+kept, until a frame goes through again or BUS_DOWN_MAX_NS have passed.
 """
 
 import numpy as np
 
 from flight_sw import icd
+from flight_sw.can.address import ERROR_FLAG
 from flight_sw.can.codec import pack
 from flight_sw.can.e2e import protect
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
-from flight_sw.can.sockets import recv_frames, send_frames
+from flight_sw.can.sockets import BUS_DOWN, recv_frames, send_frames
 from flight_sw.computer import COUNTER_MODULUS, minor_frame
 from flight_sw.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.guidance import law_step
@@ -44,6 +48,12 @@ EXECUTIVE = np.dtype(
         ("frames_received", "i8"),
         ("frames_sent", "i8"),
         ("false_ticks", "i8"),  # frames from the bus that looked like the executive's own tick
+        ("error_frames", "i8"),  # what the interface told of itself
+        ("error_counters", "u1", (2,)),  # of its controller, sending and receiving, as last told
+        ("bus_losses", "i8"),  # times the interface went down
+        ("down_ns", "i8"),  # since when it is; 0: it is not
+        ("down_total_ns", "i8"),  # in the losses that are over
+        ("ticked", "i8"),  # 1: the cycle in hand is closed by a tick
         ("ticks", "i8"),  # cycles closed without a time message
         ("slips", "i8"),  # cycles not finished when the next was due
         ("due_ns", "i8"),  # when the next cycle is due; 0: no cycle yet
@@ -59,15 +69,31 @@ EXECUTIVE = np.dtype(
 """The loop's own account; it reads the clock, so it stays outside the computer's state."""
 
 OVERDUE_NUMERATOR, OVERDUE_DENOMINATOR = 3, 2  # a time message is overdue after 1.5 periods
+BUS_DOWN_MAX_NS = 5_000_000_000
+DOWN_PAUSE_NS = 1_000_000  # between two tries to wait on an interface that is down
+TRANSMIT_COUNTER, RECEIVE_COUNTER = np.uint64(48), np.uint64(56)  # bits of an error frame's data
+BYTE = np.uint64(0xFF)
 TELEMETRY_NS = icd.layout("FSW_TIMING").cycle_ms * NS_PER_MS
 
 
 @kernel
-def _drop_false_ticks(rx: Frames, n_rx: int, executive: Record) -> int:
+def _note_error(executive: Record, word: np.uint64) -> None:
+    """Count an error frame and keep its controller's counters."""
+    executive["error_frames"] += 1
+    executive["error_counters"][0] = np.uint8((word >> TRANSMIT_COUNTER) & BYTE)
+    executive["error_counters"][1] = np.uint8((word >> RECEIVE_COUNTER) & BYTE)
+
+
+@kernel
+def _keep_data(rx: Frames, n_rx: int, executive: Record) -> int:
+    """Take out what is not for the minor frame: false ticks, error frames."""
     kept = 0
     for i in range(n_rx):
         if rx[i]["can_id"] == TICK_ID:
             executive["false_ticks"] += 1
+            continue
+        if rx[i]["can_id"] & ERROR_FLAG != 0:
+            _note_error(executive, rx[i]["data"])
             continue
         if kept != i:
             rx[kept]["can_id"] = rx[i]["can_id"]
@@ -75,6 +101,28 @@ def _drop_false_ticks(rx: Frames, n_rx: int, executive: Record) -> int:
             rx[kept]["data"] = rx[i]["data"]
         kept += 1
     return kept
+
+
+@kernel
+def _note_down(executive: Record) -> None:
+    """The interface is down: count it once, and remember since when."""
+    if executive["down_ns"] == 0:
+        executive["bus_losses"] += 1
+        executive["down_ns"] = monotonic_ns()
+
+
+@kernel
+def _note_up(executive: Record) -> None:
+    """A frame went through: the interface is up."""
+    if executive["down_ns"] != 0:
+        executive["down_total_ns"] += monotonic_ns() - executive["down_ns"]
+        executive["down_ns"] = 0
+
+
+@kernel
+def _is_lost(executive: Record, now_ns: int) -> bool:
+    """Whether the interface has been down for too long."""
+    return executive["down_ns"] != 0 and now_ns - executive["down_ns"] > BUS_DOWN_MAX_NS
 
 
 @kernel
@@ -87,38 +135,46 @@ def _overdue_ns(executive: Record) -> int:
 @kernel
 def _tick(rx: Frames, executive: Record) -> int:
     rx[0]["can_id"] = TICK_ID
+    executive["ticked"] = 1
     executive["ticks"] += 1
     return 1
+
+
+@kernel
+def _receive(fd: int, io: Record, executive: Record, rx: Frames, timeout_ms: int) -> int:
+    """Frames for the minor frame; below 0 bus lost. An interface that is down brings none."""
+    n_rx = recv_frames(fd, io, rx, RX_CAPACITY, timeout_ms)
+    if n_rx == BUS_DOWN:
+        _note_down(executive)
+        sleep_until_ns(monotonic_ns() + DOWN_PAUSE_NS)
+        return 0
+    if n_rx > 0:
+        _note_up(executive)
+        executive["frames_received"] += n_rx
+        return _keep_data(rx, n_rx, executive)
+    return n_rx
 
 
 @kernel
 def _wait(fd: int, io: Record, executive: Record, rx: Frames, end_ns: int) -> int:
     """Frames for the next call of the minor frame: 0 at the end of the slice, below 0 bus lost."""
     now_ns = monotonic_ns()
+    executive["ticked"] = 0
     if executive["synchronisation"] == CLOCKED and executive["due_ns"] > 0:
         if executive["due_ns"] > end_ns:
             sleep_until_ns(end_ns)
             return 0
         sleep_until_ns(executive["due_ns"])
-        n_rx = recv_frames(fd, io, rx, RX_CAPACITY, 0)
-        if n_rx < 0:
-            return n_rx
-        executive["frames_received"] += n_rx
-        return _drop_false_ticks(rx, n_rx, executive)
+        return _receive(fd, io, executive, rx, 0)
     until_ns = end_ns
     can_tick = executive["synchronisation"] == FRAME_SYNCHRONISED and executive["due_ns"] > 0
     if can_tick:
         until_ns = min(end_ns, _overdue_ns(executive))
     wait_ms = max((until_ns - now_ns + NS_PER_MS - 1) // NS_PER_MS, 0)
-    n_rx = recv_frames(fd, io, rx, RX_CAPACITY, wait_ms)
-    if n_rx != 0:
-        if n_rx > 0:
-            executive["frames_received"] += n_rx
-            n_rx = _drop_false_ticks(rx, n_rx, executive)
-        return n_rx
-    if can_tick and monotonic_ns() >= _overdue_ns(executive):
+    n_rx = _receive(fd, io, executive, rx, wait_ms)
+    if n_rx == 0 and can_tick and monotonic_ns() >= _overdue_ns(executive):
         return _tick(rx, executive)
-    return 0
+    return n_rx
 
 
 @kernel
@@ -131,6 +187,9 @@ def _account(executive: Record, cycles: int, woken_ns: int, done_ns: int) -> Non
     if executive["synchronisation"] == LOCKSTEP:
         return
     period_ns = executive["period_ns"]
+    if executive["synchronisation"] == FRAME_SYNCHRONISED and executive["ticked"] == 1:
+        executive["due_ns"] += period_ns  # a tick keeps the time of the frames that are missing
+        return
     if executive["due_ns"] > 0:
         late_ns = max(woken_ns - executive["due_ns"], 0)
         add(executive["wake_up"], late_ns)
@@ -189,6 +248,19 @@ def _is_clocked_out(account: Record, state: Record, before: int, woken_ns: int) 
 
 
 @kernel
+def _send(fd: int, io: Record, executive: Record, tx: Frames, n_tx: int) -> bool:
+    """Send a cycle's answer; False if the bus is lost. An interface that is down takes none."""
+    sent = send_frames(fd, io, tx, n_tx)
+    if sent == BUS_DOWN:
+        _note_down(executive)
+        return True
+    if sent > 0:
+        _note_up(executive)
+        executive["frames_sent"] += sent
+    return sent >= 0
+
+
+@kernel
 def _rehearse(load: Record, state: Record, executive: Record, rx: Frames, tx: Frames) -> None:
     """Run everything that a cycle runs once, on records that are thrown away."""
     law_step(load, state["law"], state["nav"], state["guidance"])
@@ -224,7 +296,7 @@ def serve(
     while True:
         n_rx = _wait(fd, io[0], account, rx, end_ns)
         woken_ns = monotonic_ns()
-        if n_rx < 0:
+        if n_rx < 0 or _is_lost(account, woken_ns):
             return BUS_LOST
         before = int(state[0]["cycles_run"])
         n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
@@ -235,9 +307,8 @@ def serve(
             done_ns = monotonic_ns()
             _account(account, cycles, woken_ns, done_ns)
             n_tx = _telemeter(load[0], account, tx, n_tx, done_ns)
-            if send_frames(fd, io[0], tx, n_tx) < 0:
+            if not _send(fd, io[0], account, tx, n_tx):
                 return BUS_LOST
-            account["frames_sent"] += n_tx
         if state[0]["stop"] == 1:
             return STOPPED
         if woken_ns >= end_ns:

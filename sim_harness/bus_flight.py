@@ -10,10 +10,11 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.boot import READY
-from flight_sw.can.sockets import new_io, open_bus
+from flight_sw.can.address import frames_dropped, open_bus
+from flight_sw.can.sockets import new_io, send_frames
 from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
-from flight_sw.errors import FlightError
+from flight_sw.errors import BusError, FlightError
 from flight_sw.privileges import take_priority
 from flight_sw.types_ import Frames
 from sim_harness.bus.hub import Hub
@@ -58,6 +59,17 @@ def computer_options(plan: FlightPlan) -> list[str]:
     return ["--synchronisation", plan.synchronisation, "--pace", f"{plan.pace:g}"]
 
 
+def why_lost(address: str) -> str:
+    """What is wrong with a bus that was lost, as the end of a sentence; empty if not known."""
+    if address == "unix":
+        return ""
+    try:
+        open_bus(address).close()
+    except BusError as error:
+        return ": " + str(error).removeprefix(f"{address}: ")
+    return ""
+
+
 class BusFlight:
     """One flight over the bus of its plan; owns hub, socket and flight computer while it flies."""
 
@@ -99,6 +111,10 @@ class BusFlight:
             raw = self.bus.recv(FRAME.itemsize)
         except TimeoutError:
             return NOT_BOOT
+        except OSError as error:
+            raise FlightError(
+                f"bus {self.run.plan.bus} was lost before the flight began ({error.strerror})"
+            ) from error
         finally:
             self.bus.setblocking(False)
         if not raw:
@@ -133,8 +149,9 @@ class BusFlight:
                 )
 
     def _send(self, frames: Frames) -> None:
-        for frame in frames:
-            self.bus.send(frame.tobytes())
+        """Send outside the loop; a bus that takes nothing ends the flight."""
+        if send_frames(self.wire.fd, self.wire.io[0], frames, len(frames)) < len(frames):
+            self.run.outcome = BUS_LOST
 
     def fly(self) -> None:
         """Compile, wait for the computer, arm, fly, stop, take its report."""
@@ -151,26 +168,30 @@ class BusFlight:
         self.await_computer()
         run.compile_s = time.perf_counter() - start_s
         run.waiting("")
-        try:
-            self._send(run.request(ARM))
-            if run.plan.pace > 0.0:
-                run.fly_beside(self.fly_paced)
-                run.punctuality = punctuality(run)
-            else:
-                run.fly(lambda: self.chunk(run.chunk_cycles))
-            if run.outcome not in (BUS_LOST, COMPUTER_SILENT):
-                self._send(run.request(STOP))
-        except OSError:
-            run.outcome = BUS_LOST
+        self._send(run.request(ARM))
+        if run.outcome != BUS_LOST:
+            self._fly_to_the_end()
+        if run.outcome not in (BUS_LOST, COMPUTER_SILENT):
+            self._send(run.request(STOP))
+        run.frames_dropped = frames_dropped(self.bus)
         if self.computer is not None and run.outcome not in (BUS_LOST, COMPUTER_SILENT):
             run.computer = self.computer.report()
+
+    def _fly_to_the_end(self) -> None:
+        run = self.run
+        if run.plan.pace > 0.0:
+            run.fly_beside(self.fly_paced)
+            run.punctuality = punctuality(run)
+        else:
+            run.fly(lambda: self.chunk(run.chunk_cycles))
 
     def failure(self) -> str:
         """Why a flight without an answer ended, in a sentence; empty for any other."""
         run = self.run
         t_s = float(run.harness["truth"]["t_s"][0])
         if run.outcome == BUS_LOST:
-            return f"bus {run.plan.bus} was lost at {t_s:.2f} s of flight"
+            why = why_lost(run.plan.bus)
+            return f"bus {run.plan.bus} was lost at {t_s:.2f} s of flight{why}"
         if run.outcome != COMPUTER_SILENT:
             return ""
         if self.computer is not None:

@@ -96,6 +96,8 @@ class FlightRun:
     wall_s: float = 0.0
     ended_by: str = ""
     """What ended the flight from outside, in a word; empty if nothing did."""
+    frames_dropped: int = 0
+    """Frames that the harness's socket had no room for."""
     punctuality: dict[str, Any] = field(default_factory=dict)
     """How the flight kept time; empty in lockstep."""
     computer: dict[str, Any] = field(default_factory=dict)

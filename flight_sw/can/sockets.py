@@ -1,12 +1,10 @@
 """Frames in and out of a bus socket, in batches, without the interpreter.
 
 A bus socket is an AF_UNIX seqpacket connection to a hub or a raw CAN socket; both move one
-`struct can_frame` a packet, and only `open_bus` knows the difference.
+`struct can_frame` a packet, and only `address.open_bus` knows the difference.
 """
 
 import errno
-import socket
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,21 +31,20 @@ from flight_sw.can.libc import (
     sleep_until_ns,
 )
 from flight_sw.dictionary import FRAME
-from flight_sw.errors import BusError
 from flight_sw.jit import kernel
 from flight_sw.types_ import Frames, Record
 
 BUS_LOST = -1
+BUS_DOWN = -2  # the interface is down: it may come back, and the socket with it
 BATCH = 64  # frames moved by one system call
 FRAME_SIZE = FRAME.itemsize
-UNIX_PATH_MAX_BYTES = 107  # of sockaddr_un, without the closing zero
 NS_PER_MS = 1_000_000
 SEND_TIMEOUT_MS = 1000  # a bus that takes nothing for so long gets the rest of the frames never
 FULL_QUEUE_PAUSE_NS = 200_000  # about the time of two frames at 1 Mbit/s; poll cannot wait for it
 ATTEMPTS_MAX = 1_000_000  # bounds the loops that wait; the clock ends them first
 
 EAGAIN, EINTR, ENOBUFS = errno.EAGAIN, errno.EINTR, errno.ENOBUFS
-ECONNRESET = errno.ECONNRESET
+ECONNRESET, ENETDOWN = errno.ECONNRESET, errno.ENETDOWN
 BROKEN = POLLERR | POLLHUP | POLLNVAL | POLLRDHUP
 RECEIVE_FLAGS = MSG_DONTWAIT
 SEND_FLAGS = MSG_DONTWAIT | MSG_NOSIGNAL
@@ -142,7 +139,10 @@ def _is_hung_up(fd: int, io: Record) -> bool:
 
 @kernel
 def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
-    """Take what lies ready, at most `capacity` frames; 0 is nothing, BUS_LOST the end."""
+    """Take what lies ready, at most `capacity` frames; 0 is nothing, BUS_LOST the end.
+
+    BUS_DOWN is told once, when the interface goes down; nothing is received until it is back.
+    """
     limit = min(capacity, io["capacity"])
     for _ in range(ATTEMPTS_MAX):
         n = recvmmsg(fd, io["messages_address"], limit, RECEIVE_FLAGS, 0)
@@ -150,6 +150,8 @@ def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
             code = last_errno()
             if code in (EINTR, ECONNRESET):
                 continue  # a reset is told once, before the frames that lie in front of it
+            if code == ENETDOWN:
+                return BUS_DOWN
             return 0 if code == EAGAIN else BUS_LOST
         kept = _keep_frames(io, n, frames)
         if kept > 0:
@@ -165,7 +167,7 @@ def receive_now(fd: int, io: Record, frames: Frames, capacity: int) -> int:
 def recv_frames(fd: int, io: Record, frames: Frames, capacity: int, timeout_ms: int) -> int:
     """Frames received, at least one unless `timeout_ms` passes first (0: do not wait).
 
-    BUS_LOST says that no frame will come any more.
+    BUS_LOST says that no frame will come any more, BUS_DOWN that none will for a while.
     """
     n = receive_now(fd, io, frames, capacity)
     if n != 0 or timeout_ms <= 0:
@@ -212,7 +214,8 @@ def _wait_for_room(fd: int, io: Record, code: int, left_ns: int) -> bool:
 def send_frames(fd: int, io: Record, frames: Frames, n: int) -> int:
     """Send the first `n` frames in order; returns how many went, BUS_LOST if none can go any more.
 
-    Fewer than `n` only where the bus took nothing for SEND_TIMEOUT_MS.
+    BUS_DOWN says that some were not sent because the interface is down. Fewer than `n` only where
+    the bus took nothing for SEND_TIMEOUT_MS.
     """
     sent = 0
     deadline_ns = np.int64(0)
@@ -225,6 +228,8 @@ def send_frames(fd: int, io: Record, frames: Frames, n: int) -> int:
             deadline_ns = np.int64(0)
             continue
         code = last_errno()
+        if code == ENETDOWN:
+            return BUS_DOWN
         now_ns = monotonic_ns()
         if deadline_ns == 0:
             deadline_ns = now_ns + SEND_TIMEOUT_MS * NS_PER_MS
@@ -233,56 +238,3 @@ def send_frames(fd: int, io: Record, frames: Frames, n: int) -> int:
         if not _wait_for_room(fd, io, code, deadline_ns - now_ns):
             return BUS_LOST
     return sent
-
-
-def _open_unix(path: str) -> socket.socket:
-    size = len(path.encode())
-    if size > UNIX_PATH_MAX_BYTES:
-        raise BusError(
-            f"unix:{path}: path of {size} bytes, a socket's has at most {UNIX_PATH_MAX_BYTES}"
-        )
-    bus = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    try:
-        bus.connect(path)
-    except OSError as error:
-        bus.close()
-        raise BusError(f"unix:{path}: {_unix_refusal(error, Path(path))}") from error
-    return bus
-
-
-def _unix_refusal(error: OSError, path: Path) -> str:
-    if error.errno == errno.ENOENT:
-        return "does not exist, start a hub there first"
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return "no permission to connect"
-    if error.errno == errno.ECONNREFUSED and not path.is_socket():
-        return "is not a socket"
-    if error.errno == errno.ECONNREFUSED:
-        return "nobody listens there, its hub has ended"
-    if error.errno == errno.EPROTOTYPE:
-        return "is a socket of another kind, allowed is a seqpacket hub"
-    return error.strerror or str(error)
-
-
-def _open_socketcan(interface: str) -> socket.socket:
-    where = f"socketcan:{interface}"
-    try:
-        bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    except (AttributeError, OSError) as error:
-        raise BusError(f"{where}: this system offers no CAN sockets") from error
-    try:
-        bus.bind((interface,))
-    except OSError as error:
-        bus.close()
-        missing = error.errno in (errno.ENODEV, errno.ENXIO)
-        reason = "no such interface" if missing else error.strerror
-        raise BusError(f"{where}: {reason}") from error
-    return bus
-
-
-def open_bus(address: str) -> socket.socket:
-    """The connected socket of a bus address, `unix:PATH` or `socketcan:INTERFACE`."""
-    kind, colon, place = address.partition(":")
-    if not colon or not place or kind not in ("unix", "socketcan"):
-        raise BusError(f"bus '{address}': allowed are unix:PATH and socketcan:INTERFACE")
-    return _open_unix(place) if kind == "unix" else _open_socketcan(place)

@@ -17,7 +17,8 @@ from types import TracebackType
 
 import numpy as np
 
-from flight_sw.can.sockets import BATCH, UNIX_PATH_MAX_BYTES, new_io
+from flight_sw.can.address import UNIX_PATH_MAX_BYTES
+from flight_sw.can.sockets import BATCH, new_io
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.privileges import take_priority

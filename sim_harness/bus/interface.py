@@ -12,7 +12,7 @@ from typing import Any
 
 import can
 
-from flight_sw.can.sockets import open_bus
+from flight_sw.can.address import open_bus
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 

@@ -17,7 +17,6 @@ from flight_sw.can.libc import (
 )
 from flight_sw.can.sockets import (
     BATCH,
-    BUS_LOST,
     EAGAIN,
     EINTR,
     ENOBUFS,
@@ -135,7 +134,7 @@ def _forward(hub: Record, queues: Frames, io: Record, frames: Frames, source: in
     """Take a batch from one client and deliver it to the others; returns frames taken."""
     clients = hub["client"]
     n = receive_now(clients[source]["fd"], io, frames, BATCH)
-    if n == BUS_LOST:
+    if n < 0:
         clients[source]["state"] = GONE
         return 0
     hub["frames_received"] += n

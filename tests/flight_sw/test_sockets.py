@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 from flight_sw.can import sockets
+from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
 from flight_sw.can.libc import MMSGHDR, monotonic_ns, sleep_until_ns
 from flight_sw.can.receiver import RX_STATE, judge
-from flight_sw.can.sockets import BUS_LOST, new_io, open_bus, recv_frames, send_frames
+from flight_sw.can.sockets import BUS_LOST, new_io, recv_frames, send_frames
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.icd import N_VALUES

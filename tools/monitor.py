@@ -1,0 +1,130 @@
+"""Live tables of what goes over a bus."""
+
+import socket
+import time
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from flight_sw import icd
+from sim_harness.bus.load_model import BusLoad
+from sim_harness.bus.traffic import Heard, Traffic, listen
+
+PERCENT = 100.0
+REFRESH_HZ = 4
+RATE_WINDOW_S = 2.0
+VALUES_SHOWN = 3
+
+
+class Rates:
+    """Frames a second of each identifier over the last seconds."""
+
+    def __init__(self) -> None:
+        self._marks: list[tuple[float, dict[int, int]]] = [(time.monotonic(), {})]
+
+    def update(self, traffic: Traffic) -> dict[int, float]:
+        """Rates since the oldest mark kept."""
+        now_s = time.monotonic()
+        counts = {key: heard.frames for key, heard in traffic.heard.items()}
+        while len(self._marks) > 1 and now_s - self._marks[1][0] > RATE_WINDOW_S:
+            self._marks.pop(0)
+        since_s, before = self._marks[0]
+        self._marks.append((now_s, counts))
+        elapsed_s = max(now_s - since_s, 1e-3)
+        return {key: (n - before.get(key, 0)) / elapsed_s for key, n in counts.items()}
+
+
+def _value_text(signal: icd.Signal, value: float) -> str:
+    names = dict(signal.names)
+    text = names.get(round(value)) or f"{value:.6g}"
+    return f"{signal.name} {text}"
+
+
+def values_text(heard: Heard) -> str:
+    """The first signals of the last frame, or the bytes of a foreign one."""
+    if heard.message is None:
+        return heard.data.hex(" ")
+    values = heard.values()
+    shown = [_value_text(s, values[s.name]) for s in heard.message.signals if s.name in values]
+    more = ["..."] if len(shown) > VALUES_SHOWN else []
+    return "  ".join(shown[:VALUES_SHOWN] + more)
+
+
+def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -> Table:
+    """All identifiers heard so far."""
+    load = traffic.bits / traffic.elapsed_s / bitrate_bps
+    transmit, receive = traffic.error_counters
+    table = Table(
+        title=f"{traffic.frames} frames in {traffic.elapsed_s:.1f} s",
+        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; "
+        f"{traffic.error_frames} error frames, counters {transmit} sending {receive} receiving",
+    )
+    for heading in ("id", "message", "sender"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("frames", "Hz", "errors"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("last values")
+    for key in sorted(traffic.heard):
+        heard = traffic.heard[key]
+        table.add_row(
+            heard.can_id,
+            heard.name or "(foreign)",
+            heard.message.sender if heard.message else "",
+            str(heard.frames),
+            f"{rates.get(key, 0.0):.1f}",
+            str(heard.errors) if heard.message else "",
+            values_text(heard),
+        )
+    return table
+
+
+def show_live(bus: socket.socket, address: str, seconds: float, bitrate_bps: int) -> None:
+    """A table on the terminal until the time is over or Ctrl-C; the last one stays."""
+    traffic, rates = Traffic(), Rates()
+    with Live(
+        traffic_table(traffic, {}, bitrate_bps),
+        console=Console(),
+        refresh_per_second=REFRESH_HZ,
+        auto_refresh=False,
+    ) as live:
+        shown_s = 0.0
+        try:
+            for _ in listen(bus, traffic, address, seconds):
+                if time.monotonic() - shown_s >= 1.0 / REFRESH_HZ:
+                    shown_s = time.monotonic()
+                    table = traffic_table(traffic, rates.update(traffic), bitrate_bps)
+                    live.update(table, refresh=True)
+        except KeyboardInterrupt:
+            return
+        finally:
+            final = {key: h.frames / traffic.elapsed_s for key, h in traffic.heard.items()}
+            live.update(traffic_table(traffic, final, bitrate_bps), refresh=True)
+
+
+def comparison_table(load: BusLoad, traffic: Traffic) -> Table:
+    """What each message takes at worst beside what it took."""
+    table = Table(title="Bus load, worst case and measured")
+    for heading in ("id", "message", "sender"):
+        table.add_column(heading)
+    for heading in ("cycle ms", "Hz", "load %", "measured Hz", "measured %"):
+        table.add_column(heading, justify="right")
+    elapsed_s = traffic.elapsed_s
+    left = dict(traffic.heard)
+    for row in load.messages:
+        heard = left.pop(row.can_id, Heard(row.can_id))
+        table.add_row(
+            f"0x{row.can_id:03X}",
+            row.message,
+            row.sender,
+            str(row.cycle_ms) if row.cycle_ms else "event",
+            f"{1e3 / row.cycle_ms:.1f}" if row.cycle_ms else "",
+            f"{PERCENT * row.load_ratio:.3f}",
+            f"{heard.frames / elapsed_s:.1f}",
+            f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}",
+        )
+    for heard in sorted(left.values(), key=lambda h: h.key):
+        share = f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}"
+        rate = f"{heard.frames / elapsed_s:.1f}"
+        table.add_row(heard.can_id, "(foreign)", "", "", "", "", rate, share)
+    return table
