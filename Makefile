@@ -103,26 +103,36 @@ spelling: setup ## codespell
 .PHONY: test-compiled
 test-compiled: setup ## the suite, compiled
 	@echo "== tests, compiled"
-	$(PYTEST) -q $(PARALLEL) -m "not slow and not alone" tests
+	$(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not vcan" tests
 	echo "== tests that run alone"
-	$(PYTEST) -q -p no:xdist -m "alone and not slow" tests || [ $$? -eq 5 ]
+	$(PYTEST) -q -p no:xdist -m "alone and not slow and not vcan" tests || [ $$? -eq 5 ]
 
 .PHONY: test-uncompiled
 test-uncompiled: setup ## kernel and system tests in the interpreter, with branch coverage
 	@echo "== tests, uncompiled"
-	NUMBA_DISABLE_JIT=1 $(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not jit_only" \
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not vcan and not jit_only" \
 	  --cov --cov-report=term $(KERNEL_TESTS) $(wildcard tests/system)
 
 .PHONY: test-bounds
 test-bounds: setup ## kernel tests, compiled with index checks
 	@echo "== tests, bounds-checked"
-	NUMBA_BOUNDSCHECK=1 $(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not jit_only" \
+	NUMBA_BOUNDSCHECK=1 $(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not vcan and not jit_only" \
 	  $(KERNEL_TESTS)
 
 .PHONY: test-slow
 test-slow: setup ## long campaigns
 	@echo "== slow tests"
-	$(PYTEST) -q -n $(WORKERS) --dist load -m slow tests
+	$(PYTEST) -q -n $(WORKERS) --dist load -m "slow and not vcan" tests
+
+.PHONY: vcan
+vcan: setup ## the SocketCAN tests: natively, or in a user-mode Linux booted for them
+	@echo "== tests on vcan0"
+	tests/vcan/run
+
+.PHONY: vcan-slow
+vcan-slow: setup ## ten minutes of foreign traffic at full rate
+	@echo "== slow tests on vcan0"
+	tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider -m "vcan and slow" tests/vcan
 
 # --- cleaning ----------------------------------------------------------------------------------
 

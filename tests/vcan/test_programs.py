@@ -1,0 +1,152 @@
+"""can-utils and python-can on the interface of a flight, and our own monitor beside them."""
+
+import json
+import re
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from flight_sw import icd
+from flight_sw.can.address import identifiers_from, open_bus
+from tests.vcan.flying import BUS, END_S, INTERFACE, Trigger, end, fly, program, running, start
+
+pytestmark = [pytest.mark.vcan, pytest.mark.jit_only]
+
+BITRATE_BPS = 1_000_000
+POINTS = 2.0
+FOREIGN_ID = 0x5A5
+LINE = re.compile(r"\((?P<t>[\d.]+)\) vcan0 (?P<id>[0-9A-F]{3})#(?P<data>[0-9A-F]*)")
+
+
+def cansend(frame: str) -> None:
+    subprocess.run([program("cansend"), INTERFACE, frame], check=True)
+
+
+def test_candump_and_cansend_work_beside_a_flight(tmp_path: Path) -> None:
+    log = tmp_path / "candump.log"
+    dump = start("candump", "-L", INTERFACE, output=log)
+    time.sleep(1.0)
+    summary = fly(time_max_s=5.0, trigger=Trigger(lambda: cansend("5A5#0102030405060708")))
+    time.sleep(0.5)
+    end(dump)
+    lines = [LINE.fullmatch(line) for line in log.read_text("ascii").splitlines()]
+    counts = dict.fromkeys((16, 47, 48, FOREIGN_ID), 0)
+    for line in lines:
+        assert line is not None
+        if int(line["id"], 16) in counts:
+            counts[int(line["id"], 16)] += 1
+    flown = summary["minor_frames"]
+    assert counts == {0x010: flown, 0x02F: flown, 0x030: flown, FOREIGN_ID: 1}
+    assert summary["rejected_by_harness"]["UNKNOWN_ID"] == 1
+    assert summary["command_sha256"] == fly("memory", 5.0)["command_sha256"]
+
+
+def test_canplayer_replays_what_candump_wrote(tmp_path: Path) -> None:
+    log = tmp_path / "foreign.log"
+    log.write_text("".join(f"({n * 0.01:.6f}) vcan0 5A5#{n:02X}\n" for n in range(100)), "ascii")
+    played = []
+    player = Trigger(lambda: played.append(start("canplayer", "-I", str(log))))
+    summary = fly(time_max_s=4.0, pace=1.0, trigger=player)
+    assert played[0].wait(END_S) == 0
+    assert summary["failure"] == ""
+    assert summary["rejected_by_harness"]["UNKNOWN_ID"] == 100
+
+
+def test_python_can_hears_a_flight_on_the_same_interface() -> None:
+    with can.Bus(interface="socketcan", channel=INTERFACE) as bus:
+        summary = fly(time_max_s=1.0)
+        heard = 0
+        while message := bus.recv(0.2):
+            heard += message.arbitration_id == 0x010
+    assert heard == summary["minor_frames"]
+
+
+def test_canbusload_agrees_with_our_measurement(tmp_path: Path) -> None:
+    log = tmp_path / "load"
+    processes: list[subprocess.Popen[bytes]] = []
+    ours = tmp_path / "ours"
+
+    def measure() -> None:
+        processes.append(start("canbusload", f"{INTERFACE}@{BITRATE_BPS}", output=log))
+        with ours.open("wb") as file:
+            processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "tools.cli", "bus", "load", "--measure", BUS,
+                     "--seconds=5", "--json"], stdout=file,
+                )
+            )  # fmt: skip
+
+    with running(("cangen", INTERFACE, "-g", "2", "-I", "5A5", "-L", "8")):
+        summary = fly(time_max_s=25.0, pace=1.0, trigger=Trigger(measure))
+        status = processes[1].poll()
+        end(*processes)
+    assert (summary["failure"], status) == ("", 0)
+    theirs = [int(p) for p in re.findall(r"(\d+)%", log.read_text("ascii"))]
+    theirs = sorted(theirs[2:])
+    measured = 100.0 * json.loads(ours.read_text("ascii"))["measured"]["load_ratio"]
+    middle = theirs[len(theirs) // 2]
+    print(f"canbusload {theirs} %, middle {middle} %, ours {measured:.2f} %")
+    assert measured == pytest.approx(middle, abs=POINTS)
+
+
+def test_bus_load_names_the_worst_case_that_a_flight_stays_below() -> None:
+    ours: list[subprocess.Popen[str]] = []
+    command = [sys.executable, "-m", "tools.cli", "bus", "load", "--measure", BUS, "--seconds=4"]
+
+    def measure() -> None:
+        ours.append(subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, text=True))
+
+    fly(time_max_s=20.0, pace=1.0, trigger=Trigger(measure))
+    text, _ = ours[0].communicate(timeout=END_S)
+    found = json.loads(text)
+    worst, measured = 100.0 * found["total_ratio"], 100.0 * found["measured"]["load_ratio"]
+    print(f"worst case {worst:.2f} %, measured in flight {measured:.2f} %")
+    assert worst - POINTS <= measured <= worst + 0.2
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+    with open_bus(BUS, hears=identifiers_from("HARNESS")) as computer, open_bus(BUS) as harness:
+        computer.settimeout(0.3)
+        harness.settimeout(0.3)
+        yield computer, harness
+
+
+def heard_by(bus: socket.socket) -> list[int]:
+    found = []
+    try:
+        while True:
+            found.append(struct.unpack("<I", bus.recv(16)[:4])[0])
+    except TimeoutError:
+        return found
+
+
+def test_the_kernel_keeps_out_what_the_other_side_does_not_send(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
+    computer, harness = pair
+    for frame in ("020#00", "010#00", "5A5#00", "00000020#00", "020#R", "02F#"):
+        cansend(frame)
+    assert heard_by(computer) == [0x020, 0x02F]
+    assert heard_by(harness) == [0x020, 0x010, 0x5A5, 0x80000020, 0x40000020, 0x02F]
+
+
+def test_the_monitor_counts_and_decodes_a_flight() -> None:
+    command = [sys.executable, "-m", "tools.cli", "bus", "monitor", BUS, "--seconds=12", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
+        time.sleep(5.0)
+        summary = fly(time_max_s=3.0)
+        text, _ = monitor.communicate(timeout=END_S)
+    messages = {m["message"]: m for m in json.loads(text)["messages"]}
+    assert set(messages) <= set(icd.MESSAGES)
+    for name in ("FSW_COMMAND", "NAV_TIME", "FSW_STATUS"):
+        assert messages[name]["frames"] == summary["minor_frames"]
+    assert messages["NAV_TIME"]["values"]["t_s"] == pytest.approx(3.0 - 0.02)
+    assert sum(m["wrong_crc"] + m["sequence_breaks"] for m in messages.values()) == 0
