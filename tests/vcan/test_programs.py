@@ -33,11 +33,12 @@ def test_candump_and_cansend_work_beside_a_flight(tmp_path: Path) -> None:
     log = tmp_path / "candump.log"
     dump = start("candump", "-L", INTERFACE, output=log)
     time.sleep(1.0)
-    summary = fly(time_max_s=5.0, trigger=Trigger(lambda: cansend("5A5#0102030405060708")))
+    one = Trigger(lambda: cansend("5A5#0102030405060708"))
+    summary = fly(time_max_s=5.0, pace=1.0, trigger=one)  # lockstep outruns candump's buffer
     time.sleep(0.5)
     end(dump)
     lines = [LINE.fullmatch(line) for line in log.read_text("ascii").splitlines()]
-    counts = dict.fromkeys((16, 47, 48, FOREIGN_ID), 0)
+    counts = dict.fromkeys((0x010, 0x02F, 0x030, FOREIGN_ID), 0)
     for line in lines:
         assert line is not None
         if int(line["id"], 16) in counts:
@@ -45,7 +46,8 @@ def test_candump_and_cansend_work_beside_a_flight(tmp_path: Path) -> None:
     flown = summary["minor_frames"]
     assert counts == {0x010: flown, 0x02F: flown, 0x030: flown, FOREIGN_ID: 1}
     assert summary["rejected_by_harness"]["UNKNOWN_ID"] == 1
-    assert summary["command_sha256"] == fly("memory", 5.0)["command_sha256"]
+    if summary["slips"] + summary["late_commands"] == 0:
+        assert summary["command_sha256"] == fly("memory", 5.0)["command_sha256"]
 
 
 def test_canplayer_replays_what_candump_wrote(tmp_path: Path) -> None:
@@ -60,12 +62,14 @@ def test_canplayer_replays_what_candump_wrote(tmp_path: Path) -> None:
 
 
 def test_python_can_hears_a_flight_on_the_same_interface() -> None:
+    heard: list[can.Message] = []
     with can.Bus(interface="socketcan", channel=INTERFACE) as bus:
-        summary = fly(time_max_s=1.0)
-        heard = 0
-        while message := bus.recv(0.2):
-            heard += message.arbitration_id == 0x010
-    assert heard == summary["minor_frames"]
+        notifier = can.Notifier(bus, [heard.append])
+        summary = fly(time_max_s=3.0, pace=1.0)
+        time.sleep(0.5)
+        notifier.stop()
+    commands = [m for m in heard if m.arbitration_id == 0x010]
+    assert len(commands) == summary["minor_frames"]
 
 
 def test_canbusload_agrees_with_our_measurement(tmp_path: Path) -> None:
