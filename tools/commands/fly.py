@@ -53,6 +53,20 @@ def pace_factor(text: str) -> float:
     return factor
 
 
+def check_bus(bus: str, factor: float, synchronisation: str, *, external_computer: bool) -> None:
+    """Refuse what does not go together."""
+    from flight_sw.errors import FlightError
+
+    if bus not in ("memory", "unix") and not bus.startswith(("unix:", "socketcan:")):
+        raise FlightError(f"--bus {bus}: allowed are memory, unix, unix:PATH, socketcan:INTERFACE")
+    if factor > 0.0 and bus == "memory":
+        raise FlightError("--pace: the memory bus flies in lockstep only")
+    if synchronisation not in ("frame", "clock"):
+        raise FlightError(f"--synchronisation {synchronisation}: allowed are frame, clock")
+    if external_computer and bus in ("memory", "unix"):
+        raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
+
+
 def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
 
@@ -92,7 +106,7 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     with ExitStack() as resources:
         if folder is not None:
             recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
-            resources.callback(lambda: recorder.close(run.outcome_text))
+            resources.callback(lambda: recorder.close(run))
             run.listeners.append(recorder)
         try:
             if run.plan.bus == "memory":
@@ -114,7 +128,8 @@ def fly(
     *,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: Annotated[
-        str, typer.Option(help="unix (two processes), unix:PATH of a running hub, or memory")
+        str,
+        typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE"),
     ] = "unix",
     pace: Annotated[
         str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
@@ -142,20 +157,12 @@ def fly(
     ] = False,
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
-    from flight_sw.errors import FlightError
     from sim_harness.flight import FlightPlan
     from tools.overrides import prepare
 
     prepared = prepare(mission, law, settings or [], load)
-    if bus not in ("memory", "unix") and not bus.startswith(("unix:", "socketcan:")):
-        raise FlightError(f"--bus {bus}: allowed are memory, unix, unix:PATH, socketcan:INTERFACE")
     factor = pace_factor(pace)
-    if factor > 0.0 and bus == "memory":
-        raise FlightError(f"--pace {pace}: the memory bus flies in lockstep only")
-    if synchronisation not in ("frame", "clock"):
-        raise FlightError(f"--synchronisation {synchronisation}: allowed are frame, clock")
-    if external_computer and bus in ("memory", "unix"):
-        raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
+    check_bus(bus, factor, synchronisation, external_computer=external_computer)
     folder = new_folder(out, prepared.mission.name, prepared.law, force)
     plan = FlightPlan(
         mission=prepared.mission,
