@@ -42,6 +42,7 @@ from flight_sw.privileges import lock_memory, take_priority, take_processor
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
+NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILING, READY = 0, 1
 COUNTER_BITS_AT, COUNTER_VALUES = 8, 16
 
@@ -137,9 +138,10 @@ class FlightComputer:
         """Priority, memory, processor: what is missing is said in one line."""
         missing = [word for word in (lock_memory(), take_priority(), take_processor(0)) if word]
         if missing:
-            sys.stderr.write(f"flight computer: {'; '.join(missing)}\n")
+            sys.stderr.write(f"{NOT_PERMITTED} {'; '.join(missing)}\n")
+            sys.stderr.flush()
 
-    def compile(self, announcer: Announcer) -> None:
+    def compile(self) -> None:
         """Load or make the machine code; says so if it takes long."""
         start_s = time.monotonic()
         notice = threading.Timer(
@@ -152,7 +154,6 @@ class FlightComputer:
         self._serve(new_state(self.image.law), self.executive.copy(), 0)
         notice.cancel()
         self.compile_s = time.monotonic() - start_s
-        announcer.state = READY
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         self.asked_to_end = True
@@ -160,7 +161,7 @@ class FlightComputer:
     def run(self) -> int:
         """Announce, compile and serve; returns the executive's last word."""
         with Announcer(self.bus, self.image) as announcer:
-            self.compile(announcer)
+            self.compile()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
         if self.executive["synchronisation"][0] != LOCKSTEP:
@@ -168,6 +169,7 @@ class FlightComputer:
         gc.collect()
         gc.freeze()
         gc.disable()
+        announcer.state = READY  # from here on nothing but the loop takes time
         outcome = RUNNING
         while outcome == RUNNING and not self.asked_to_end:
             if not self.executive["cycles"][0] and announcer.announce():

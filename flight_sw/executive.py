@@ -5,7 +5,8 @@ and comes back to Python a few times a second so that signals are seen. Three wa
 
 * lockstep: for frames, however long they take; time is what the time message says.
 * frame-synchronised: for frames, but a cycle whose time message is overdue is closed by a tick.
-* clocked: for absolute deadlines a period apart; what has arrived by then is the cycle's.
+* clocked: for absolute deadlines a period apart, midway between arrivals; what has come by then is
+  the cycle's. The first cycles are frame-synchronised, to learn when frames arrive.
 
 An interface that goes down is not the end: the cycles go on by ticks, so that mode and time are
 kept, until a frame goes through again or BUS_DOWN_MAX_NS have passed.
@@ -43,6 +44,9 @@ EXECUTIVE = np.dtype(
     [
         ("synchronisation", "u4"),
         ("timing_counter", "u4"),  # of FSW_TIMING
+        ("clocked", "i8"),  # 1: deadlines have replaced arrivals
+        ("looked_ns", "i8"),  # when the bus was looked at without waiting; 0: it was waited for
+        ("full_in_row", "i8"),  # receptions that brought as many frames as there is room for
         ("period_ns", "i8"),  # of a minor frame on the clock; lockstep has none
         ("cycles", "i8"),
         ("frames_received", "i8"),
@@ -56,7 +60,7 @@ EXECUTIVE = np.dtype(
         ("ticked", "i8"),  # 1: the cycle in hand is closed by a tick
         ("ticks", "i8"),  # cycles closed without a time message
         ("slips", "i8"),  # cycles not finished when the next was due
-        ("due_ns", "i8"),  # when the next cycle is due; 0: no cycle yet
+        ("due_ns", "i8"),  # when the next cycle is due, as the earliest arrivals tell; 0: none yet
         ("told_ns", "i8"),  # when timing was last telemetered
         ("step_recent_ns", "i8"),  # longest since then
         ("wake_up_recent_ns", "i8"),
@@ -68,7 +72,11 @@ EXECUTIVE = np.dtype(
 )
 """The loop's own account; it reads the clock, so it stays outside the computer's state."""
 
-OVERDUE_NUMERATOR, OVERDUE_DENOMINATOR = 3, 2  # a time message is overdue after 1.5 periods
+OVERDUE_DIVIDER = 2  # a time message is overdue half a period after it was due
+PHASE_SHIFT = 3  # a late arrival moves the next by an eighth of its lateness, an early one wholly
+PHASE_CYCLES = 32  # frame-synchronised ones before a clocked computer trusts their phase
+FULL_IN_ROW_MAX = 64  # receptions; a bus that floods us for so long does not hold ticks up
+NAP_NS = 100_000  # between two looks at the bus in the last millisecond before a deadline
 BUS_DOWN_MAX_NS = 5_000_000_000
 DOWN_PAUSE_NS = 1_000_000  # between two tries to wait on an interface that is down
 TRANSMIT_COUNTER, RECEIVE_COUNTER = np.uint64(48), np.uint64(56)  # bits of an error frame's data
@@ -128,8 +136,7 @@ def _is_lost(executive: Record, now_ns: int) -> bool:
 @kernel
 def _overdue_ns(executive: Record) -> int:
     """When a cycle is closed without its time message."""
-    late_ns = executive["period_ns"] * (OVERDUE_NUMERATOR - OVERDUE_DENOMINATOR)
-    return executive["due_ns"] + late_ns // OVERDUE_DENOMINATOR
+    return executive["due_ns"] + executive["period_ns"] // OVERDUE_DIVIDER
 
 
 @kernel
@@ -143,7 +150,9 @@ def _tick(rx: Frames, executive: Record) -> int:
 @kernel
 def _receive(fd: int, io: Record, executive: Record, rx: Frames, timeout_ms: int) -> int:
     """Frames for the minor frame; below 0 bus lost. An interface that is down brings none."""
+    executive["looked_ns"] = monotonic_ns() if timeout_ms == 0 else 0
     n_rx = recv_frames(fd, io, rx, RX_CAPACITY, timeout_ms)
+    executive["full_in_row"] = executive["full_in_row"] + 1 if n_rx == RX_CAPACITY else 0
     if n_rx == BUS_DOWN:
         _note_down(executive)
         sleep_until_ns(monotonic_ns() + DOWN_PAUSE_NS)
@@ -157,24 +166,53 @@ def _receive(fd: int, io: Record, executive: Record, rx: Frames, timeout_ms: int
 
 @kernel
 def _wait(fd: int, io: Record, executive: Record, rx: Frames, end_ns: int) -> int:
-    """Frames for the next call of the minor frame: 0 at the end of the slice, below 0 bus lost."""
+    """Frames for the minor frame: 0 at the end of the slice or overdue, below 0 bus lost."""
     now_ns = monotonic_ns()
     executive["ticked"] = 0
-    if executive["synchronisation"] == CLOCKED and executive["due_ns"] > 0:
+    if executive["clocked"] == 1:
         if executive["due_ns"] > end_ns:
             sleep_until_ns(end_ns)
+            executive["looked_ns"] = 0
             return 0
         sleep_until_ns(executive["due_ns"])
         return _receive(fd, io, executive, rx, 0)
-    until_ns = end_ns
-    can_tick = executive["synchronisation"] == FRAME_SYNCHRONISED and executive["due_ns"] > 0
-    if can_tick:
-        until_ns = min(end_ns, _overdue_ns(executive))
-    wait_ms = max((until_ns - now_ns + NS_PER_MS - 1) // NS_PER_MS, 0)
-    n_rx = _receive(fd, io, executive, rx, wait_ms)
-    if n_rx == 0 and can_tick and monotonic_ns() >= _overdue_ns(executive):
-        return _tick(rx, executive)
-    return n_rx
+    wait_ms = max((end_ns - now_ns + NS_PER_MS - 1) // NS_PER_MS, 0)
+    if executive["synchronisation"] != LOCKSTEP and executive["due_ns"] > 0:
+        left_ns = _overdue_ns(executive) - now_ns
+        if 0 < left_ns < NS_PER_MS:  # nearer than poll can tell
+            sleep_until_ns(now_ns + min(left_ns, NAP_NS))
+        wait_ms = min(wait_ms, max(left_ns // NS_PER_MS, 0))
+    return _receive(fd, io, executive, rx, wait_ms)
+
+
+@kernel
+def _next_deadline(executive: Record, done_ns: int) -> None:
+    """A clocked cycle is over: each deadline that passed before its end is a slip."""
+    period_ns = executive["period_ns"]
+    executive["due_ns"] += period_ns
+    if done_ns > executive["due_ns"]:
+        passed = (done_ns - executive["due_ns"]) // max(period_ns, 1)
+        executive["slips"] += passed + 1
+        executive["due_ns"] += passed * period_ns
+
+
+@kernel
+def _next_arrival(executive: Record, cycles: int, woken_ns: int, done_ns: int) -> None:
+    """A cycle is closed by its time message: when the next is to be expected."""
+    period_ns = executive["period_ns"]
+    late_ns = woken_ns - executive["due_ns"]
+    if executive["due_ns"] > 0:
+        executive["slips"] += cycles - 1
+    if executive["due_ns"] > 0 and 0 < late_ns < period_ns:
+        executive["due_ns"] += late_ns >> PHASE_SHIFT
+    else:
+        executive["due_ns"] = woken_ns
+    executive["due_ns"] += period_ns
+    if done_ns > executive["due_ns"]:
+        executive["slips"] += 1
+    if executive["synchronisation"] == CLOCKED and executive["cycles"] >= PHASE_CYCLES:
+        executive["clocked"] = 1
+        executive["due_ns"] += period_ns // 2
 
 
 @kernel
@@ -186,31 +224,22 @@ def _account(executive: Record, cycles: int, woken_ns: int, done_ns: int) -> Non
     executive["step_recent_ns"] = max(executive["step_recent_ns"], step_ns)
     if executive["synchronisation"] == LOCKSTEP:
         return
-    period_ns = executive["period_ns"]
-    if executive["synchronisation"] == FRAME_SYNCHRONISED and executive["ticked"] == 1:
-        executive["due_ns"] += period_ns  # a tick keeps the time of the frames that are missing
+    if executive["ticked"] == 1 and executive["clocked"] == 0:
+        executive["due_ns"] += executive["period_ns"]  # keeps the time of the missing frames
         return
     if executive["due_ns"] > 0:
         late_ns = max(woken_ns - executive["due_ns"], 0)
         add(executive["wake_up"], late_ns)
         executive["wake_up_recent_ns"] = max(executive["wake_up_recent_ns"], late_ns)
-        executive["slips"] += cycles - 1
-    if executive["synchronisation"] == CLOCKED and executive["due_ns"] > 0:
-        executive["due_ns"] += period_ns
-        missed = max((done_ns - executive["due_ns"]) // max(period_ns, 1), 0)
-        executive["due_ns"] += missed * period_ns
-        executive["slips"] += missed
-        return
-    if step_ns > period_ns:
-        executive["slips"] += 1
-    executive["due_ns"] = woken_ns + period_ns
-    if executive["synchronisation"] == CLOCKED:
-        executive["due_ns"] = woken_ns + period_ns + period_ns // 2  # midway between arrivals
+    if executive["clocked"] == 1:
+        _next_deadline(executive, done_ns)
+    else:
+        _next_arrival(executive, cycles, woken_ns, done_ns)
 
 
 @kernel
 def _telemeter(load: Record, executive: Record, tx: Frames, n_tx: int, now_ns: int) -> int:
-    """FSW_TIMING in front of the frames to be sent, once its cycle time has passed."""
+    """FSW_TIMING behind the frames to be sent, once its cycle time has passed."""
     if executive["synchronisation"] == LOCKSTEP or now_ns - executive["told_ns"] < TELEMETRY_NS:
         return n_tx
     executive["told_ns"] = now_ns
@@ -237,14 +266,14 @@ def _telemeter(load: Record, executive: Record, tx: Frames, n_tx: int, now_ns: i
 
 
 @kernel
-def _is_clocked_out(account: Record, state: Record, before: int, woken_ns: int) -> bool:
-    """Whether a clocked cycle has come without closing by a time message."""
-    return (
-        account["synchronisation"] == CLOCKED
-        and account["due_ns"] > 0
-        and woken_ns >= account["due_ns"]
-        and int(state["cycles_run"]) == before
-    )
+def _is_overdue(account: Record, state: Record, before: int) -> bool:
+    """Whether a look at the bus, taken when the time message was overdue, has not brought it."""
+    if account["synchronisation"] == LOCKSTEP or account["due_ns"] == 0:
+        return False
+    if int(state["cycles_run"]) != before or 0 < account["full_in_row"] < FULL_IN_ROW_MAX:
+        return False
+    deadline_ns = account["due_ns"] if account["clocked"] == 1 else _overdue_ns(account)
+    return account["looked_ns"] >= deadline_ns
 
 
 @kernel
@@ -267,8 +296,13 @@ def _rehearse(load: Record, state: Record, executive: Record, rx: Frames, tx: Fr
     now_ns = monotonic_ns()
     for synchronisation in range(LOCKSTEP, CLOCKED + 1):
         executive["synchronisation"] = synchronisation
+        executive["ticked"] = 0
+        executive["clocked"] = 0
         n_tx = minor_frame(load, state, rx, _tick(rx, executive), tx)
-        _account(executive, 1, now_ns, monotonic_ns())
+        for cycle in range(2):
+            executive["ticked"] = cycle
+            executive["clocked"] = 1 - cycle
+            _account(executive, 1, now_ns, monotonic_ns())
         _telemeter(load, executive, tx, n_tx, now_ns)
 
 
@@ -300,7 +334,7 @@ def serve(
             return BUS_LOST
         before = int(state[0]["cycles_run"])
         n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
-        if n_rx < RX_CAPACITY and _is_clocked_out(account, state[0], before, woken_ns):
+        if _is_overdue(account, state[0], before):
             n_tx = minor_frame(load[0], state[0], rx, _tick(rx, account), tx)
         if n_tx > 0:
             cycles = int(state[0]["cycles_run"]) - before

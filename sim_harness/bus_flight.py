@@ -33,6 +33,7 @@ BOOT_STATE = icd.value_index("FSW_BOOT", "state")
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 LISTEN_S = 0.05
 NOT_BOOT = -1
+STOPS_MAX, STOP_AGAIN_S = 10, 0.2
 CYCLES_MAX = 1 << 40
 
 
@@ -87,7 +88,7 @@ class BusFlight:
         self.computer: ComputerProcess | None = None
         if plan.own_computer:
             self.computer = resources.enter_context(
-                ComputerProcess(plan.load_path, address, computer_options(plan))
+                ComputerProcess(plan.load_path, address, computer_options(plan), run.warn)
             )
         self.bus.setblocking(False)
         self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx)
@@ -171,17 +172,27 @@ class BusFlight:
         self._send(run.request(ARM))
         if run.outcome != BUS_LOST:
             self._fly_to_the_end()
-        if run.outcome not in (BUS_LOST, COMPUTER_SILENT):
-            self._send(run.request(STOP))
+        if run.plan.pace <= 0.0 and run.outcome not in (BUS_LOST, COMPUTER_SILENT):
+            self._send(run.request(STOP))  # against the clock the loop itself has sent it
         run.frames_dropped = frames_dropped(self.bus)
         if self.computer is not None and run.outcome not in (BUS_LOST, COMPUTER_SILENT):
+            self._see_it_end(self.computer)
             run.computer = self.computer.report()
+
+    def _see_it_end(self, computer: ComputerProcess) -> None:
+        """Ask again while the flight computer goes on: a request is lost where a queue was full."""
+        for _ in range(STOPS_MAX):
+            if computer.ends_within(STOP_AGAIN_S) or self.run.outcome == BUS_LOST:
+                return
+            self._send(self.run.request(STOP))
 
     def _fly_to_the_end(self) -> None:
         run = self.run
         if run.plan.pace > 0.0:
-            run.fly_beside(self.fly_paced)
-            run.punctuality = punctuality(run)
+            try:
+                run.fly_beside(self.fly_paced)
+            finally:
+                run.punctuality = punctuality(run)
         else:
             run.fly(lambda: self.chunk(run.chunk_cycles))
 
@@ -199,10 +210,10 @@ class BusFlight:
                 self.computer.fail_if_ended()
             except FlightError as error:
                 return f"{error}, at {t_s:.2f} s of flight"
-        return (
-            f"flight computer did not answer for {run.plan.reply_timeout_s:g} s, "
-            f"at {t_s:.2f} s of flight"
-        )
+        silence_s = run.plan.reply_timeout_s
+        if run.plan.pace > 0.0:
+            silence_s = float(run.pacer["silence_max_ns"][0]) / 1e9
+        return f"flight computer did not answer for {silence_s:g} s, at {t_s:.2f} s of flight"
 
 
 def fly_bus(run: FlightRun) -> str:

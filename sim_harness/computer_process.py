@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
+from flight_sw.boot import NOT_PERMITTED
 from flight_sw.errors import FlightError
 
 END_TIMEOUT_S = 3.0  # for the report and a clean exit after a stop request
@@ -19,7 +21,13 @@ LAST_WORDS = 5  # lines of its standard error that are kept
 class ComputerProcess:
     """`python -m flight_sw` on a bus, in a session of its own so that Ctrl-C ends only us."""
 
-    def __init__(self, load_path: Path, bus_address: str, options: list[str]) -> None:
+    def __init__(
+        self,
+        load_path: Path,
+        bus_address: str,
+        options: list[str],
+        warn: Callable[[str], None],
+    ) -> None:
         command = [sys.executable, "-m", "flight_sw", "--load", str(load_path), *options]
         paths = [str(PACKAGE_PARENT), os.environ.get("PYTHONPATH", "")]
         self._process = subprocess.Popen(
@@ -32,6 +40,7 @@ class ComputerProcess:
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         )
         self._words: list[str] = []
+        self._warn = warn
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -39,6 +48,8 @@ class ComputerProcess:
         assert self._process.stderr is not None
         for line in self._process.stderr:
             self._words = [*self._words, line.strip()][-LAST_WORDS:]
+            if line.startswith(NOT_PERMITTED):
+                self._warn(line.strip())
 
     @property
     def pid(self) -> int:
@@ -49,6 +60,14 @@ class ComputerProcess:
     def status(self) -> int | None:
         """Exit status, None while it runs."""
         return self._process.poll()
+
+    def ends_within(self, seconds: float) -> bool:
+        """Whether it ends by itself within so long; it may have a report to be rid of first."""
+        try:
+            self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
 
     @property
     def last_words(self) -> str:

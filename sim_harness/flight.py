@@ -37,10 +37,13 @@ from sim_harness.loop import (
 from sim_harness.mission import Mission
 from sim_harness.pacing import new_pacer
 from sim_harness.port import new_port, put_request
+from sim_harness.slip_watch import SlipWatch, slips_so_far
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import FLYING, OUTCOMES, TRUTH
 
 CHUNK_CYCLES = {"memory": 5000, "bus": 1000}  # minor frames flown between two looks at the outside
+RING_S = 2.0  # of a flight against the clock that its logs hold, undrained
+RING_CYCLES_MAX = 65536
 DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
 OTHER_OUTCOMES = {
@@ -84,6 +87,9 @@ class Listener(Protocol):
     def waiting(self, text: str) -> None:
         """Show what is waited for; an empty text ends it."""
 
+    def warn(self, t_s: float, text: str) -> None:
+        """Show something amiss that does not end the flight."""
+
 
 @dataclass
 class FlightRun:
@@ -109,7 +115,11 @@ class FlightRun:
         self.load = activate(self.image)
         self.harness = new_harness(plan, self.load)
         self.pacer = new_pacer(plan)
+        self.pacer["load_crc32"] = self.image.crc32
         cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
+        if plan.pace > 0.0:
+            wanted = round(RING_S * plan.pace / plan.mission.dt_s)
+            cycles = min(max(cycles, wanted), RING_CYCLES_MAX)
         rows = cycles * FRAMES_PER_CYCLE if plan.recorded else 0
         self.logs = Logs(
             np.zeros(cycles, FRAME),
@@ -120,6 +130,7 @@ class FlightRun:
         self.rx = np.zeros(RX_CAPACITY, FRAME)
         self.tx = np.zeros(TX_CAPACITY, FRAME)
         self._sha256 = hashlib.sha256()
+        self.slip_watch = SlipWatch()
 
     def waiting(self, text: str) -> None:
         """Tell the listeners what is waited for."""
@@ -138,11 +149,11 @@ class FlightRun:
                 listener.rows(rows, np.zeros(0, TRUTH))
         return self.tx[:n].copy()
 
-    def _taken(self, log: int, ring: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    def _taken(self, log: int, ring: npt.NDArray[np.void], limit: str) -> npt.NDArray[np.void]:
         """What the loop has put into a ring log since the last look, in order."""
         harness = self.harness[0]
-        first, last = int(harness["taken"][log]), int(harness["written"][log])
-        if not len(ring) or first == last:
+        first, last = int(harness["taken"][log]), int(harness[limit][log])
+        if not len(ring) or first >= last:
             return ring[:0]
         rows = ring[np.arange(first, last) % len(ring)]
         harness["taken"][log] = last
@@ -153,21 +164,30 @@ class FlightRun:
         try:
             while flight.is_alive():
                 flight.join(interval_s)
-                self.drain()
+                if flight.is_alive():
+                    self.drain("published")
         except BaseException:
             self.harness["asked_to_end"] = 1
             flight.join()
             raise
 
-    def drain(self) -> None:
-        """Hand on what the loop has logged since the last call."""
-        self._sha256.update(self._taken(COMMANDS, self.logs.commands).tobytes())
-        bus = self._taken(BUS, self.logs.bus)
-        truth = self._taken(TRUTHS, self.logs.truth)
+    def drain(self, limit: str = "written") -> None:
+        """Hand on what was logged since the last call; of a loop that runs what is `published`."""
+        self._sha256.update(self._taken(COMMANDS, self.logs.commands, limit).tobytes())
+        bus = self._taken(BUS, self.logs.bus, limit)
+        truth = self._taken(TRUTHS, self.logs.truth, limit)
         for listener in self.listeners:
             if self.plan.recorded:
                 listener.rows(bus, truth)
             listener.progress(self)
+        if self.plan.pace > 0.0:
+            self.warn(self.slip_watch.look(time.monotonic(), slips_so_far(self)))
+
+    def warn(self, text: str) -> None:
+        """Tell the listeners of something amiss; an empty text is nothing."""
+        t_s = float(self.harness["truth"]["t_s"][0])
+        for listener in self.listeners if text else ():
+            listener.warn(t_s, text)
 
     def fly_beside(self, fly_all: Callable[[], int]) -> None:
         """Fly to the end in a thread of its own, draining its logs from this one."""
@@ -175,10 +195,12 @@ class FlightRun:
         flight = threading.Thread(target=lambda: outcomes.append(int(fly_all())), name="flight")
         start_s = time.perf_counter()
         flight.start()
-        self.wait_for(flight, DRAIN_S)
-        self.wall_s = time.perf_counter() - start_s
-        self.outcome = outcomes[0]
-        self.drain()
+        try:
+            self.wait_for(flight, DRAIN_S)
+        finally:
+            self.wall_s = time.perf_counter() - start_s
+            self.outcome = outcomes[0] if outcomes else INTERRUPTED
+            self.drain()
 
     def fly(self, fly_chunk: Callable[[], int]) -> None:
         """Fly chunk by chunk to the end, timing the loop alone."""

@@ -16,6 +16,7 @@ from flight_sw.computer import COMMAND, minor_frame
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import add
 from flight_sw.types_ import Frames, Record
+from sim_harness.fence import memory_fence
 from sim_harness.jit import kernel
 from sim_harness.metrics import METRICS, judge_frame
 from sim_harness.navigation import NAV_STATE, measure
@@ -40,6 +41,7 @@ HARNESS = np.dtype(
         ("metrics", METRICS),
         ("truth_divider", "i8"),  # minor frames per truth row in the log
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
+        ("published", "i8", (N_LOGS,)),  # rows of whole cycles, for a reader beside the loop
         ("taken", "i8", (N_LOGS,)),  # rows ever taken out of it
         ("bus_rows_lost", "i8"),  # frames that found the log full
         ("command_rows_lost", "i8"),
@@ -85,7 +87,7 @@ def _room(harness: Record, log: int, length: int) -> int:
 
 
 @kernel
-def _log_frame(harness: Record, logs: Logs, frame: Record) -> None:
+def log_frame(harness: Record, logs: Logs, frame: Record) -> None:
     """Keep one frame of the bus; one that finds the log full is counted."""
     length = len(logs.bus)
     if length == 0:
@@ -101,7 +103,7 @@ def _log_frame(harness: Record, logs: Logs, frame: Record) -> None:
 
 @kernel
 def _log_command(harness: Record, logs: Logs) -> None:
-    """Keep the command that is flown from now on, as it lay on the wire."""
+    """Keep the command that is flown, as it lay on the wire."""
     length = len(logs.commands)
     if _room(harness, COMMANDS, length) < 1:
         harness["command_rows_lost"] += 1
@@ -113,7 +115,7 @@ def _log_command(harness: Record, logs: Logs) -> None:
     row["pad"] = 0
     row["res0"] = 0
     row["len8_dlc"] = 0
-    row["data"] = harness["port"]["command"]
+    row["data"] = harness["port"]["flown"]
     harness["written"][COMMANDS] += 1
 
 
@@ -141,6 +143,14 @@ def has_room(harness: Record, logs: Logs) -> bool:
 
 
 @kernel
+def publish(harness: Record) -> None:
+    """Let a reader beside the loop take everything that is logged: between cycles alone."""
+    memory_fence()
+    for log in range(N_LOGS):
+        harness["published"][log] = harness["written"][log]
+
+
+@kernel
 def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     """Measure and put the cycle's navigation set into `tx`."""
     truth = harness["truth"]
@@ -149,7 +159,7 @@ def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     measure(harness["world"], truth, harness["navigation"], port["values"])
     n_tx = put_navigation(harness["codec"], port, truth["minor_frames"], tx)
     for i in range(n_tx):
-        _log_frame(harness, logs, tx[i])
+        log_frame(harness, logs, tx[i])
     return n_tx
 
 
@@ -158,21 +168,20 @@ def take_answer(harness: Record, logs: Logs, frames: Frames, n: int) -> bool:
     """Judge and log received frames; True once the cycle's command is complete."""
     port = harness["port"]
     cycle = harness["truth"]["minor_frames"]
-    before = port["answered"]
     for i in range(n):
-        _log_frame(harness, logs, frames[i])
+        log_frame(harness, logs, frames[i])
         take(harness["codec"], port, frames[i], cycle)
-    if port["answered"] == 1 and before == 0:
-        _log_command(harness, logs)
     return port["answered"] == 1
 
 
 @kernel
-def close_cycle(harness: Record) -> int:
+def close_cycle(harness: Record, logs: Logs) -> int:
     """Judge the frame, fly it, and say how the flight stands."""
     world = harness["world"]
     truth = harness["truth"]
     port = harness["port"]
+    if port["answered"] == 1:
+        _log_command(harness, logs)
     judge_frame(harness["metrics"], truth, port, world["dt_s"])
     advance(world, truth, port["bank_cmd_rad"], port["alpha_cmd_rad"])
     return ended(world, truth)
@@ -203,7 +212,7 @@ def fly_in_memory(
         add(step_time, monotonic_ns() - start_ns)
         if not take_answer(harness, logs, tx, n_tx):
             return COMPUTER_SILENT
-        outcome = close_cycle(harness)
+        outcome = close_cycle(harness, logs)
         if outcome != FLYING:
             return outcome
     return FLYING
@@ -236,7 +245,7 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
         outcome = _await_answer(harness, logs, wire, timeout_ns)
         if outcome != FLYING:
             return outcome
-        outcome = close_cycle(harness)
+        outcome = close_cycle(harness, logs)
         if outcome != FLYING:
             return outcome
     return FLYING

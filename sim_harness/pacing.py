@@ -12,6 +12,7 @@ import numpy as np
 
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
+from flight_sw.computer import STOP
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from flight_sw.types_ import Frames, Record
@@ -23,9 +24,12 @@ from sim_harness.loop import (
     Logs,
     Wire,
     close_cycle,
+    log_frame,
     open_cycle,
+    publish,
     take_answer,
 )
+from sim_harness.port import put_request
 from sim_harness.world.records import FLYING
 
 if TYPE_CHECKING:
@@ -35,23 +39,28 @@ PACER = np.dtype(
     [
         ("period_ns", "i8"),  # a minor frame on the clock
         ("start_ns", "i8"),  # of frame 0; 0: not begun
+        ("end_ns", "i8"),  # of the last frame; 0: not ended
         ("silence_max_ns", "i8"),  # of the flight computer
-        ("answer_ns", "i8"),  # when it last answered
+        ("answer_ns", "i8"),  # when it last answered, in time or late
+        ("load_crc32", "u4"),  # key of the request that stops it
         ("frames", "i8"),  # begun
         ("slips", "i8"),  # frames that began more than a period late
         ("late_commands", "i8"),
         ("late_max_ns", "i8"),  # the latest beginning of a frame
         ("wake_up", HISTOGRAM),  # lateness of each beginning
-        ("round_trip", HISTOGRAM),  # from the first navigation frame sent to the command complete
+        ("round_trip", HISTOGRAM),  # from the navigation set sent to the command complete
     ],
     align=True,
 )
 """How the flight keeps time, shape (1,)."""
 
-SILENCE_S = 0.8  # of the flight computer, that ends a flight
-SILENCE_PERIODS = 10  # at a slow pace rather these
+SILENCE_S = 0.8  # mission time without an answer that ends a flight
+SILENCE_MIN_S = 0.2  # on the clock: a fast flight lives through a stall of the machine
+SILENCE_PERIODS = 3
 HELD_RATIO = 0.999  # of the pace asked for
+LOOKS_MAX = 1 << 30  # bounds the loop in words; the clock ends it first
 SLEEP_ONLY_NS = 2_000_000  # nearer to the deadline the loop sleeps instead of listening
+NAP_NS = 100_000  # between two looks at the bus in the last millisecond of a frame
 NS_PER_MS = 1_000_000
 
 
@@ -61,21 +70,25 @@ def new_pacer(plan: "FlightPlan") -> np.ndarray:
     if plan.pace > 0.0:
         period_s = plan.mission.dt_s / plan.pace
         pacer["period_ns"] = round(period_s * 1e9)
-        pacer["silence_max_ns"] = round(max(SILENCE_S, SILENCE_PERIODS * period_s) * 1e9)
+        silence_s = max(SILENCE_S / plan.pace, SILENCE_MIN_S, SILENCE_PERIODS * period_s)
+        pacer["silence_max_ns"] = round(silence_s * 1e9)
     return pacer
 
 
 def pace_so_far(run: "FlightRun") -> float:
     """Mission seconds per second of the clock since the first frame."""
-    elapsed_ns = time.monotonic_ns() - int(run.pacer["start_ns"][0])
+    pacer = run.pacer[0]
+    start_ns = int(pacer["start_ns"])
+    if start_ns == 0:
+        return 0.0
+    elapsed_ns = (int(pacer["end_ns"]) or time.monotonic_ns()) - start_ns
     return float(run.harness["truth"]["t_s"][0]) / max(elapsed_ns, 1) * 1e9
 
 
 def punctuality(run: "FlightRun") -> dict[str, Any]:
     """What the summary tells of a paced flight on the harness's side."""
     pacer = run.pacer[0]
-    flown_s = float(run.harness["truth"]["t_s"][0])
-    reached = flown_s / run.wall_s if run.wall_s > 0.0 else 0.0
+    reached = pace_so_far(run)
     return {
         "harness_slips": int(pacer["slips"]),
         "late_commands": int(pacer["late_commands"]),
@@ -93,25 +106,30 @@ def punctuality(run: "FlightRun") -> dict[str, Any]:
 def _listen_until(
     harness: Record, pacer: Record, logs: Logs, wire: Wire, sent_ns: int, deadline_ns: int
 ) -> int:
-    """Receive until shortly before the deadline, then sleep; FLYING or BUS_LOST."""
-    while True:
+    """Receive until shortly before the deadline, then sleep; FLYING or BUS_LOST.
+
+    The bus is looked at once at least: a frame that began late still hears what has come.
+    """
+    for look in range(LOOKS_MAX):
         left_ns = deadline_ns - monotonic_ns()
-        if left_ns <= 0:
+        if left_ns <= 0 and look > 0:
             return FLYING
         answered = harness["port"]["answered"] == 1
         if answered and left_ns <= SLEEP_ONLY_NS:
-            sleep_until_ns(deadline_ns)
-            return FLYING
-        wait_ms = left_ns // NS_PER_MS
+            sleep_until_ns(deadline_ns)  # a signal may end it: look again
+            continue
+        wait_ms = max(left_ns // NS_PER_MS, 0)
         if answered:
             wait_ms -= SLEEP_ONLY_NS // NS_PER_MS - 1
-        n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, max(wait_ms, 1))
+        elif wait_ms == 0 and look > 0:  # nearer than poll can tell
+            sleep_until_ns(min(deadline_ns, monotonic_ns() + NAP_NS))
+        n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, wait_ms)
         if n_rx < 0:
             return BUS_LOST
         if n_rx > 0 and take_answer(harness, logs, wire.rx, n_rx) and not answered:
             now_ns = monotonic_ns()
-            pacer["answer_ns"] = now_ns
             add(pacer["round_trip"], now_ns - sent_ns)
+    return FLYING
 
 
 @kernel
@@ -119,7 +137,7 @@ def _begin(pacer: Record) -> int:
     """Note how late the frame begins; returns the deadline of its end."""
     begin_ns = pacer["start_ns"] + pacer["frames"] * pacer["period_ns"]
     late_ns = monotonic_ns() - begin_ns
-    add(pacer["wake_up"], late_ns)
+    add(pacer["wake_up"], max(late_ns, 0))
     if late_ns > pacer["period_ns"]:
         pacer["slips"] += 1
     pacer["late_max_ns"] = max(pacer["late_max_ns"], late_ns)
@@ -128,29 +146,62 @@ def _begin(pacer: Record) -> int:
 
 
 @kernel
+def _is_silent(harness: Record, pacer: Record, sent_ns: int, answers: int) -> bool:
+    """Account for the frame's answer; True once the flight computer has said nothing too long."""
+    port = harness["port"]
+    now_ns = monotonic_ns()
+    if port["answered"] == 0:
+        pacer["late_commands"] += 1
+        add(pacer["round_trip"], now_ns - sent_ns)  # at least: to leave them out would flatter
+    if port["answered"] == 1 or port["stale_answers"] != answers:
+        pacer["answer_ns"] = now_ns
+    return now_ns - pacer["answer_ns"] > pacer["silence_max_ns"]
+
+
+@kernel
+def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
+    """One minor frame, from its beginning on the clock to that of the next."""
+    deadline_ns = _begin(pacer)
+    publish(harness)
+    answers = int(harness["port"]["stale_answers"])
+    n_tx = open_cycle(harness, logs, wire.tx)
+    sent_ns = monotonic_ns()
+    if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
+        return BUS_LOST
+    outcome = _listen_until(harness, pacer, logs, wire, sent_ns, deadline_ns)
+    if outcome != FLYING:
+        return outcome
+    if _is_silent(harness, pacer, sent_ns, answers):
+        return COMPUTER_SILENT
+    return close_cycle(harness, logs)
+
+
+@kernel
+def _stop_computer(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> None:
+    """Ask the flight computer to end before it misses the frames that will not come."""
+    n = put_request(harness["codec"], harness["port"], STOP, pacer["load_crc32"], wire.tx)
+    for i in range(n):
+        log_frame(harness, logs, wire.tx[i])
+    send_frames(wire.fd, wire.io[0], wire.tx, n)
+
+
+@kernel
 def fly_in_real_time(harnesses: Frames, pacers: Frames, wire: Wire, logs: Logs, cycles: int) -> int:
     """Fly up to `cycles` minor frames, each of them a period long on the clock."""
     harness = harnesses[0]
     pacer = pacers[0]
+    if cycles > 0 and pacer["start_ns"] == 0:
+        pacer["start_ns"] = monotonic_ns()
+        pacer["answer_ns"] = pacer["start_ns"]
+    outcome = FLYING
     for _ in range(cycles):
-        if harness["asked_to_end"] == 1:
-            return INTERRUPTED
-        if pacer["start_ns"] == 0:
-            pacer["start_ns"] = monotonic_ns()
-            pacer["answer_ns"] = pacer["start_ns"]
-        deadline_ns = _begin(pacer)
-        n_tx = open_cycle(harness, logs, wire.tx)
-        sent_ns = monotonic_ns()
-        if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
-            return BUS_LOST
-        outcome = _listen_until(harness, pacer, logs, wire, sent_ns, deadline_ns)
+        outcome = INTERRUPTED if harness["asked_to_end"] == 1 else FLYING
+        if outcome == FLYING:
+            outcome = _fly_frame(harness, pacer, wire, logs)
         if outcome != FLYING:
-            return outcome
-        if harness["port"]["answered"] == 0:
-            pacer["late_commands"] += 1
-            if monotonic_ns() - pacer["answer_ns"] > pacer["silence_max_ns"]:
-                return COMPUTER_SILENT
-        outcome = close_cycle(harness)
-        if outcome != FLYING:
-            return outcome
-    return FLYING
+            break
+    if cycles > 0:
+        pacer["end_ns"] = monotonic_ns()
+        if outcome not in (BUS_LOST, COMPUTER_SILENT):
+            _stop_computer(harness, pacer, wire, logs)
+    return outcome

@@ -50,7 +50,8 @@ PORT = np.dtype(
         ("error_frames", "i8"),  # what the interface told of itself
         ("tx_refused", "i8"),  # messages whose values the DBC does not carry
         ("command", "u8"),  # word of the command that waits for its status message
-        ("bank_wanted_rad", "f8"),  # in that command
+        ("flown", "u8"),  # word of the last command that was complete in time
+        ("bank_wanted_rad", "f8"),  # in the command that waits
         ("alpha_wanted_rad", "f8"),
         ("bank_cmd_rad", "f8"),  # flown
         ("alpha_cmd_rad", "f8"),
@@ -128,6 +129,7 @@ def _take_status(port: Record, cycle: int) -> None:
         port["stale_answers"] += 1
         return
     port["answered"] = 1
+    port["flown"] = port["command"]
     port["bank_cmd_rad"] = port["bank_wanted_rad"]
     port["alpha_cmd_rad"] = port["alpha_wanted_rad"]
     port["mode"] = int(received[MODE])

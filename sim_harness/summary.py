@@ -1,11 +1,13 @@
 """What is told of a flight when it is over: summary.json's object."""
 
+import json
 import math
 from typing import Any
 
 from flight_sw.can.receiver import LOST, OK, VERDICTS
 from sim_harness.flight import FlightRun, verdicts
 
+TIMING_KEY = "timing"  # of a recording's results
 NOT_REJECTED = {VERDICTS[OK], VERDICTS[LOST]}
 
 
@@ -33,6 +35,28 @@ def timing(run: FlightRun) -> dict[str, Any]:
     return {"computer": computer, "harness": run.punctuality}
 
 
+def punctuality_of(run: FlightRun) -> dict[str, Any]:
+    """How the flight kept time: the same keys in summary.json and in the recording."""
+    return {
+        "pace": pace_text(run.plan.pace),
+        "pace_reached": run.punctuality.get("pace_reached"),
+        "pace_held": run.punctuality.get("pace_held", True),
+        "slips": slips(run),
+        "ticks": int(run.computer.get("ticks", 0)),
+        "late_commands": run.punctuality.get("late_commands", 0),
+        "timing": timing(run),
+    }
+
+
+def results_of(run: FlightRun) -> dict[str, str]:
+    """What the recording keeps of the summary, in the form that its metadata takes."""
+    kept = {key: getattr(run.plan, key) for key in ("bus", "synchronisation")}
+    frames = int(run.harness["truth"]["minor_frames"][0])
+    period_s = run.plan.mission.dt_s
+    told = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
+    return {TIMING_KEY: json.dumps(told)}
+
+
 def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
@@ -44,7 +68,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "mission": run.plan.mission.name,
         "law": run.image.law,
         "bus": run.plan.bus,
-        "pace": pace_text(run.plan.pace),
+        "synchronisation": run.plan.synchronisation,
         "seed": run.plan.seed,
         "outcome": run.outcome_text,
         "flight_time_s": flight_time_s,
@@ -68,6 +92,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "final_longitude_deg": math.degrees(float(truth["lon_rad"])),
         "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
         "minor_frames": int(truth["minor_frames"]),
+        "period_s": run.plan.mission.dt_s,
         "frames_sent": int(port["frames_sent"]),
         "frames_received": int(port["frames_received"]),
         "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
@@ -78,13 +103,11 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "error_frames": int(port["error_frames"]),
         "bus_losses": int(run.computer.get("bus_losses", 0)),
         "bus_rows_lost": int(harness["bus_rows_lost"]),
+        "command_rows_lost": int(harness["command_rows_lost"]),
         "command_sha256": run.command_sha256,
         "load_crc32": f"0x{run.image.crc32:08x}",
         "step_time_us": run.computer.get("step_time_us"),
-        "slips": slips(run),
-        "late_commands": run.punctuality.get("late_commands", 0),
-        "pace_held": run.punctuality.get("pace_held", True),
-        "timing": timing(run),
+        **punctuality_of(run),
         "speedup": flight_time_s / run.wall_s if run.wall_s > 0.0 else 0.0,
         "compile_s": round(run.compile_s, 3),
         "computer_compile_s": run.computer.get("compile_s"),

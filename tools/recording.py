@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flight_sw.modes import MODES
 from sim_harness.flight import FlightRun
+from sim_harness.summary import results_of
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel
 
@@ -40,9 +41,13 @@ class FlightRecorder:
     def waiting(self, text: str) -> None:
         """Nothing of the time before the flight is recorded."""
 
-    def close(self, outcome: str) -> None:
-        """Complete the file."""
-        self._recorder.close(outcome)
+    def warn(self, t_s: float, text: str) -> None:
+        """Log it."""
+        self._recorder.log(t_s, LogLevel.WARNING, text)
+
+    def close(self, run: FlightRun) -> None:
+        """Complete the file with how the flight ended and how it kept time."""
+        self._recorder.close(run.outcome_text, results_of(run))
 
     @staticmethod
     def _tell(failure: str) -> None:

@@ -13,6 +13,7 @@ from flight_sw.modes import MODES
 from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
 from sim_harness.pacing import pace_so_far
+from sim_harness.slip_watch import slips_so_far
 from tools.published import published
 
 RowDefinition = tuple[str, str, str]
@@ -69,8 +70,16 @@ class ProgressLine:
         )
         if run.plan.pace > 0.0:
             reached = pace_so_far(run)
-            state += f"  {reached:5.2f}x  {int(run.pacer['slips'][0])} slips"
+            late = slips_so_far(run)
+            state += f"  {reached:5.2f}x  {late.harness + late.computer} slips"
         self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
+
+    def warn(self, t_s: float, text: str) -> None:
+        """One line on stderr, above the bar."""
+        if self._progress.disable:
+            sys.stderr.write(f"{t_s:.1f} s: {text}\n")
+        else:
+            self._progress.console.print(f"{t_s:.1f} s: {text}", highlight=False, markup=False)
 
     def waiting(self, text: str) -> None:
         """Say what is waited for: on the bar, or once a line where there is none."""

@@ -106,7 +106,7 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     with ExitStack() as resources:
         if folder is not None:
             recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
-            resources.callback(lambda: recorder.close(run.outcome_text))
+            resources.callback(lambda: recorder.close(run))
             run.listeners.append(recorder)
         try:
             if run.plan.bus == "memory":
