@@ -33,6 +33,7 @@ LAWS = ("nominal", "lqy")
 
 PIECES: dict[str, dict[str, float | str]] = {
     "entry": {},
+    "minute": {"end.time_max_s": 60.0},
     "peak": {
         "entry.altitude_km": 68.85,
         "entry.speed_mps": 7500.0,
