@@ -29,6 +29,7 @@ from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, serve
 from flight_sw.guidance import LAWS
 from flight_sw.histogram import percentiles_us
 from flight_sw.load_image import LoadImage, activate, read_image
+from flight_sw.scheduling import run_in_bursts
 
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
@@ -135,6 +136,7 @@ class FlightComputer:
             self.compile(announcer)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
+        run_in_bursts()
         gc.collect()
         gc.freeze()
         gc.disable()

@@ -6,6 +6,7 @@ and comes back to Python a few times a second so that signals are seen.
 
 import numpy as np
 
+from flight_sw.can.bursts import recv_rest
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import recv_frames, send_frames
 from flight_sw.computer import minor_frame
@@ -62,8 +63,13 @@ def serve(
     wait_ms = max(slice_ns // 1_000_000, 1)
     if slice_ns == 0:
         return RUNNING
+    in_burst = False
     while True:
-        n_rx = recv_frames(fd, io[0], rx, RX_CAPACITY, wait_ms)
+        n_rx = 0
+        if in_burst:
+            n_rx = recv_rest(fd, io[0], rx, RX_CAPACITY)
+        if n_rx == 0:
+            n_rx = recv_frames(fd, io[0], rx, RX_CAPACITY, wait_ms)
         start_ns = monotonic_ns()
         if n_rx < 0:
             return BUS_LOST
@@ -71,6 +77,7 @@ def serve(
             executive[0]["frames_received"] += n_rx
             n_rx = _drop_false_ticks(rx, n_rx, executive[0])
             n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
+            in_burst = n_tx == 0
             if n_tx > 0:
                 add(executive[0]["step_time"], monotonic_ns() - start_ns)
                 executive[0]["cycles"] += 1

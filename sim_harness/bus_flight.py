@@ -14,6 +14,7 @@ from flight_sw.can.sockets import new_io, open_bus
 from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import FlightError
+from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.hub import Hub
 from sim_harness.computer_process import ComputerProcess
@@ -131,6 +132,7 @@ class BusFlight:
         run.compile_s = time.perf_counter() - start_s
         run.waiting("")
         try:
+            run_in_bursts()
             self._send(run.request(ARM))
             run.fly(lambda: self.chunk(run.chunk_cycles))
             if run.outcome not in (BUS_LOST, COMPUTER_SILENT):

@@ -11,7 +11,7 @@ from typing import NoReturn
 import typer
 
 from flight_sw.errors import AeroshellError
-from tools.commands import bus, fly, gains, missions
+from tools.commands import bus, export, fly, gains, info, missions
 
 REFUSED = 1
 INTERRUPTED = 130
@@ -26,6 +26,8 @@ app = typer.Typer(
 app.command()(fly.fly)
 app.command()(missions.missions)
 app.command()(gains.gains)
+app.command()(info.info)
+app.command()(export.export)
 app.add_typer(bus.app, name="bus")
 
 

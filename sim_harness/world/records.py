@@ -19,6 +19,9 @@ SKIPPED_OUT = 3
 GROUND = 4
 NUMERICAL = 5
 
+PHYSICAL_ENDS = (END_CONDITION, TIME_OUT, SKIPPED_OUT, GROUND)
+"""Outcomes of a flight that was flown to where its mission lets it end."""
+
 OUTCOMES = ("flying", "end condition", "time out", "skipped out", "ground", "numerical")
 """Text of the outcomes, in order of their codes."""
 
