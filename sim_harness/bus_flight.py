@@ -160,10 +160,17 @@ class BusFlight:
             f"at {t_s:.2f} s of flight"
         )
 
+    def give_up(self) -> None:
+        """End a computer of ours that does not answer: it will not heed a request to end either."""
+        if self.computer is not None and self.run.outcome == COMPUTER_SILENT:
+            self.computer.kill()
+
 
 def fly_bus(run: FlightRun) -> str:
     """Fly over the bus of the plan; returns why it ended early, or an empty text."""
     with ExitStack() as resources:
         flight = BusFlight(run, resources)
         flight.fly()
-        return flight.failure()
+        sentence = flight.failure()
+        flight.give_up()
+        return sentence
