@@ -146,9 +146,11 @@ def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_
         state["released_s"] += dt_s
     elif state["flow_exponent"] < design["release_exponent"]:
         state["released"] = 1
-    blend = smooth_step(state["transition_time_s"] / design["transition_duration_s"])
+    # Eq. 22 gathered by terms, one minus its step being the step backwards: the constant of n = 6
+    # is 10^12 times that of n = 2, and in the difference as printed the present one is lost.
+    left = smooth_step(1.0 - state["transition_time_s"] / design["transition_duration_s"])
     state["transition_time_s"] += dt_s
-    return state["tracking_constant"] - (state["tracking_constant"] - present) * blend
+    return left * state["tracking_constant"] + (1.0 - left) * present
 
 
 @kernel
