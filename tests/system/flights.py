@@ -9,6 +9,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cantools
 import numpy as np
 import numpy.typing as npt
 
@@ -217,3 +218,13 @@ def commands(frames: Frames) -> Frames:
 def sha256(frames: Frames) -> str:
     """Hash over frames, byte for byte."""
     return hashlib.sha256(frames.tobytes()).hexdigest()
+
+
+def cantools_values(frames: Frames, message: str) -> list[dict[str, Any]]:
+    """Frames of one message as cantools decodes them."""
+    database = cantools.database.load_file(Path(icd.DBC_PATH))
+    can_id = icd.layout(message).can_id
+    return [
+        database.decode_message(can_id, int(f["data"]).to_bytes(8, "little"), decode_choices=False)
+        for f in frames[frames["can_id"] == can_id]
+    ]
