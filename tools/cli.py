@@ -38,17 +38,19 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit status; a refusal is one sentence on stderr."""
     signal.signal(signal.SIGTERM, _end)
+    status = 0
     try:
         app(args=arguments, standalone_mode=True)
     except AeroshellError as error:
         sys.stderr.write(f"aeroshell: {error}\n")
         return REFUSED
     except KeyboardInterrupt:
-        sys.stderr.write("aeroshell: interrupted\n")
-        return INTERRUPTED
+        status = INTERRUPTED
     except SystemExit as leaving:
-        return int(leaving.code or 0)
-    return 0
+        status = int(leaving.code or 0)
+    if status == INTERRUPTED:
+        sys.stderr.write("aeroshell: interrupted\n")
+    return status
 
 
 if __name__ == "__main__":
