@@ -38,6 +38,7 @@ from flight_sw.guidance import LAWS
 from flight_sw.histogram import filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, read_image
 from flight_sw.privileges import lock_memory, take_priority, take_processor
+from flight_sw.scheduling import run_in_bursts
 
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
@@ -166,6 +167,8 @@ class FlightComputer:
             signal.signal(number, self._end)
         if self.executive["synchronisation"][0] != LOCKSTEP:
             self.take_privileges()
+        else:
+            run_in_bursts()
         gc.collect()
         gc.freeze()
         gc.disable()

@@ -16,6 +16,7 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG
+from flight_sw.can.bursts import recv_rest
 from flight_sw.can.codec import pack
 from flight_sw.can.e2e import protect
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
@@ -46,6 +47,7 @@ EXECUTIVE = np.dtype(
         ("timing_counter", "u4"),  # of FSW_TIMING
         ("clocked", "i8"),  # 1: deadlines have replaced arrivals
         ("looked_ns", "i8"),  # when the bus was looked at without waiting; 0: it was waited for
+        ("in_burst", "i8"),  # 1: the last frames did not close a cycle, more will follow at once
         ("full_in_row", "i8"),  # receptions that brought as many frames as there is room for
         ("period_ns", "i8"),  # of a minor frame on the clock; lockstep has none
         ("cycles", "i8"),
@@ -151,7 +153,11 @@ def _tick(rx: Frames, executive: Record) -> int:
 def _receive(fd: int, io: Record, executive: Record, rx: Frames, timeout_ms: int) -> int:
     """Frames for the minor frame; below 0 bus lost. An interface that is down brings none."""
     executive["looked_ns"] = monotonic_ns() if timeout_ms == 0 else 0
-    n_rx = recv_frames(fd, io, rx, RX_CAPACITY, timeout_ms)
+    n_rx = 0
+    if executive["in_burst"] == 1:
+        n_rx = recv_rest(fd, io, rx, RX_CAPACITY)
+    if n_rx == 0:
+        n_rx = recv_frames(fd, io, rx, RX_CAPACITY, timeout_ms)
     executive["full_in_row"] = executive["full_in_row"] + 1 if n_rx == RX_CAPACITY else 0
     if n_rx == BUS_DOWN:
         _note_down(executive)
@@ -334,6 +340,7 @@ def serve(
             return BUS_LOST
         before = int(state[0]["cycles_run"])
         n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
+        account["in_burst"] = 1 if n_rx > 0 and n_tx == 0 else 0
         if _is_overdue(account, state[0], before):
             n_tx = minor_frame(load[0], state[0], rx, _tick(rx, account), tx)
         if n_tx > 0:

@@ -160,13 +160,18 @@ def image_bytes(law: str, mission: str, body: npt.NDArray[np.void]) -> bytes:
     """The file's bytes for a body record (shape (1,)), after checking it as the computer will."""
     body_spec(law).check(body[0], f"{law}.load")
     body = _without_padding(body)
+    if len(mission.encode()) > HEADER["mission"].itemsize:
+        raise LoadError(
+            f"mission name '{mission}' has {len(mission.encode())} bytes, "
+            f"a load's has at most {HEADER['mission'].itemsize}"
+        )
     header = np.zeros(1, HEADER)
     header[0] = (
         MAGIC,
         VERSION,
         body.nbytes,
         law.encode(),
-        mission.encode()[:32],
+        mission.encode(),
         layout_hash(law).encode(),
         0,
         0,

@@ -6,7 +6,6 @@
 | SATURATED | info | a command or a cosine left its range | uses the nearest allowed value |
 | NONFINITE | error | NaN or infinity in a command | holds the last command |
 | NO_FIX | warning | navigation set missing or inconsistent | holds the last command |
-| TABLE_RANGE | info | a table was asked outside its range | uses the edge value |
 | DOMAIN | warning | a division or root outside its domain | uses the guarded value |
 """
 
@@ -14,5 +13,4 @@ OK = 0
 SATURATED = 1
 NONFINITE = 2
 NO_FIX = 3
-TABLE_RANGE = 4
 DOMAIN = 5

@@ -16,6 +16,7 @@ from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import BusError, FlightError
 from flight_sw.privileges import take_priority
+from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.hub import Hub
 from sim_harness.computer_process import ComputerProcess
@@ -169,6 +170,8 @@ class BusFlight:
         self.await_computer()
         run.compile_s = time.perf_counter() - start_s
         run.waiting("")
+        if run.plan.pace <= 0.0:
+            run_in_bursts()
         self._send(run.request(ARM))
         if run.outcome != BUS_LOST:
             self._fly_to_the_end()
@@ -215,10 +218,17 @@ class BusFlight:
             silence_s = float(run.pacer["silence_max_ns"][0]) / 1e9
         return f"flight computer did not answer for {silence_s:g} s, at {t_s:.2f} s of flight"
 
+    def give_up(self) -> None:
+        """End a computer of ours that does not answer: it will not heed a request to end either."""
+        if self.computer is not None and self.run.outcome == COMPUTER_SILENT:
+            self.computer.kill()
+
 
 def fly_bus(run: FlightRun) -> str:
     """Fly over the bus of the plan; returns why it ended early, or an empty text."""
     with ExitStack() as resources:
         flight = BusFlight(run, resources)
         flight.fly()
-        return flight.failure()
+        sentence = flight.failure()
+        flight.give_up()
+        return sentence

@@ -92,6 +92,11 @@ class ComputerProcess:
         except (subprocess.TimeoutExpired, json.JSONDecodeError, IndexError, ValueError):
             return {}
 
+    def kill(self) -> None:
+        """End it without asking."""
+        self._process.kill()
+        self._process.wait()
+
     def close(self) -> None:
         """End it, whatever state it is in."""
         if self._process.poll() is None:
@@ -99,8 +104,7 @@ class ComputerProcess:
             try:
                 self._process.wait(END_TIMEOUT_S)
             except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+                self.kill()
         for stream in (self._process.stdout, self._process.stderr):
             if stream is not None:
                 with contextlib.suppress(OSError, ValueError):

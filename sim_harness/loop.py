@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.can.bursts import recv_rest
 from flight_sw.can.codec import CODEC
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import recv_frames, send_frames
@@ -222,8 +223,14 @@ def fly_in_memory(
 def _await_answer(harness: Record, logs: Logs, wire: Wire, timeout_ns: int) -> int:
     """Receive until the cycle's command is complete; FLYING, BUS_LOST or COMPUTER_SILENT."""
     deadline_ns = monotonic_ns() + timeout_ns
+    in_burst = False
     while True:
-        n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, POLL_MS)
+        n_rx = 0
+        if in_burst:
+            n_rx = recv_rest(wire.fd, wire.io[0], wire.rx, RX_CAPACITY)
+        if n_rx == 0:
+            n_rx = recv_frames(wire.fd, wire.io[0], wire.rx, RX_CAPACITY, POLL_MS)
+        in_burst = n_rx > 0
         if n_rx < 0:
             return BUS_LOST
         if n_rx > 0 and take_answer(harness, logs, wire.rx, n_rx):

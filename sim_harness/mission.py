@@ -198,9 +198,7 @@ def resolve(key: str, known: list[str]) -> str:
         return matches[0]
     if matches:
         raise MissionError(f"{key} is ambiguous, allowed {', '.join(matches)}")
-    raise MissionError(
-        f"{key} is not a mission key{nearest(key, known)}; allowed {', '.join(known)}"
-    )
+    raise MissionError(f"{key} is not a known key{nearest(key, known)}; allowed {', '.join(known)}")
 
 
 def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:

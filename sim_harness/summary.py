@@ -61,7 +61,8 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
     truth, metrics, port = harness["truth"], harness["metrics"], harness["port"]
-    by_computer = rejected(run.computer.get("verdicts", {}))
+    told = "verdicts" in run.computer
+    by_computer = rejected(run.computer["verdicts"]) if told else None
     by_harness = rejected(verdicts(port["rx"]["counted"]))
     flight_time_s = float(truth["t_s"])
     return {
@@ -95,7 +96,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "period_s": run.plan.mission.dt_s,
         "frames_sent": int(port["frames_sent"]),
         "frames_received": int(port["frames_received"]),
-        "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
+        "frames_rejected": sum((by_computer or {}).values()) + sum(by_harness.values()),
         "rejected_by_flight_computer": by_computer,
         "rejected_by_harness": by_harness,
         "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),

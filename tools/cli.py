@@ -11,7 +11,7 @@ from typing import NoReturn
 import typer
 
 from flight_sw.errors import AeroshellError
-from tools.commands import bus, fly, gains, missions
+from tools.commands import bus, export, fly, gains, info, missions
 
 REFUSED = 1
 INTERRUPTED = 130
@@ -26,6 +26,8 @@ app = typer.Typer(
 app.command()(fly.fly)
 app.command()(missions.missions)
 app.command()(gains.gains)
+app.command()(info.info)
+app.command()(export.export)
 app.add_typer(bus.app, name="bus")
 
 
@@ -36,17 +38,19 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit status; a refusal is one sentence on stderr."""
     signal.signal(signal.SIGTERM, _end)
+    status = 0
     try:
         app(args=arguments, standalone_mode=True)
     except AeroshellError as error:
         sys.stderr.write(f"aeroshell: {error}\n")
         return REFUSED
     except KeyboardInterrupt:
-        sys.stderr.write("aeroshell: interrupted\n")
-        return INTERRUPTED
+        status = INTERRUPTED
     except SystemExit as leaving:
-        return int(leaving.code or 0)
-    return 0
+        status = int(leaving.code or 0)
+    if status == INTERRUPTED:
+        sys.stderr.write("aeroshell: interrupted\n")
+    return status
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import read_image
 from sim_harness.mission import (
+    SHIPPED,
     Mission,
     find,
     leaf_keys,
@@ -24,6 +25,7 @@ from tools.gains.schema import Design, read_tree
 
 DESIGN_PREFIX = "design."
 TOLD_TO_THE_COMPUTER = ("limits.", "guidance.rate_hz")
+SET_POINT = "limits.heat_flux_max_kwpm2"
 NOT_SETTABLE = ("name", "title", "source", "design.mission", "design.laws", "guidance.law")
 
 
@@ -36,6 +38,8 @@ class Prepared(NamedTuple):
     load_path: Path
     remade: bool
     """The load was made for this flight, it is not the stored one."""
+    comparable: bool
+    """Nothing but the heat-flux set point differs from the mission as shipped."""
 
 
 def parse(settings: list[str]) -> dict[str, str]:
@@ -58,6 +62,8 @@ def _split(
     known = [key for key in known if key not in NOT_SETTABLE]
     mission, design = {}, {}
     for key, value in pairs.items():
+        if key.rsplit(".", 1)[-1] == "law":
+            raise MissionError(f"--set {key}: the law is chosen with --law")
         full = resolve(key, known)
         if full.startswith(DESIGN_PREFIX):
             design[full.removeprefix(DESIGN_PREFIX)] = value
@@ -101,7 +107,7 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
         image = read_image(load)
         if law is not None and image.law != law:
             raise FlightError(f"--load {load}: is for law '{image.law}', --law says '{law}'")
-        return Prepared(mission, image.law, load.read_bytes(), load, False)
+        return Prepared(mission, image.law, load.read_bytes(), load, False, False)
     chosen = law or mission.guidance.law
     designed = list(tree.get("laws", []))
     if not has_design:
@@ -115,8 +121,11 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
         )
     told = {k: v for k, v in world.items() if _is_told(k)}
     path = image_path(folder, chosen)
+    comparable = file.parent == SHIPPED and not changes and set(world) <= {SET_POINT}
     if told or changes:
-        return Prepared(mission, chosen, _remade(folder, chosen, file, told, changes), path, True)
+        return Prepared(
+            mission, chosen, _remade(folder, chosen, file, told, changes), path, True, comparable
+        )
     if not path.is_file():
         raise DesignError(f"{path} does not exist, `aeroshell gains {target}` makes it")
-    return Prepared(mission, chosen, path.read_bytes(), path, False)
+    return Prepared(mission, chosen, path.read_bytes(), path, False, comparable)

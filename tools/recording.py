@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.modes import MODES
 from sim_harness.flight import FlightRun
 from sim_harness.summary import results_of
 from sim_harness.telemetry.recorder import Recorder
@@ -20,7 +19,6 @@ class FlightRecorder:
         self, path: Path, manifest: dict[str, str], attachments: dict[str, tuple[str, bytes]]
     ) -> None:
         self._recorder = Recorder(path, manifest, attachments, on_failure=self._tell)
-        self._mode = -1
 
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
         """Hand what was logged on to the recorder."""
@@ -30,13 +28,7 @@ class FlightRecorder:
             self._recorder.write_truth(truth)
 
     def progress(self, run: FlightRun) -> None:
-        """Log a change of mode."""
-        harness = run.harness
-        mode = int(harness["port"]["mode"][0])
-        if mode != self._mode:
-            self._mode = mode
-            t_s = float(harness["truth"]["t_s"][0])
-            self._recorder.log(t_s, LogLevel.INFO, f"flight computer in mode {MODES[mode]}")
+        """Nothing: the recorder finds the events in the frames."""
 
     def waiting(self, text: str) -> None:
         """Nothing of the time before the flight is recorded."""

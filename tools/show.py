@@ -1,6 +1,7 @@
 """How a flight is shown on a terminal: a progress line while it flies, a table when it is over."""
 
 import sys
+from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from sim_harness.mission import Mission
 from sim_harness.pacing import pace_so_far
 from sim_harness.slip_watch import slips_so_far
 from tools.published import published
+
+LONG_S = 2.0  # a wait that takes longer is spoken of
 
 RowDefinition = tuple[str, str, str]
 
@@ -44,7 +47,8 @@ class ProgressLine:
             transient=True,
         )
         self._quiet = quiet
-        self._said = ""
+        self._waits_for = ""
+        self._notice = Timer(0.0, lambda: None)
         self._from_mps = mission.entry.speed_mps
         self._to_mps = mission.end.speed_mps
         self._task = self._progress.add_task(mission.name, total=1.0, state="")
@@ -54,6 +58,7 @@ class ProgressLine:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._notice.cancel()
         self._progress.stop()
 
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
@@ -82,17 +87,24 @@ class ProgressLine:
             self._progress.console.print(f"{t_s:.1f} s: {text}", highlight=False, markup=False)
 
     def waiting(self, text: str) -> None:
-        """Say what is waited for: on the bar, or once a line where there is none."""
+        """Say what is waited for: on the bar, or where there is none a line once it gets long."""
         self._progress.update(self._task, state=text)
-        kind = text.partition("(")[0]
-        if text and self._progress.disable and not self._quiet and kind != self._said:
-            sys.stderr.write(f"{kind.strip()}\n")
-        self._said = kind
+        kind = text.partition("(")[0].strip()
+        if kind == self._waits_for:
+            return
+        self._waits_for = kind
+        self._notice.cancel()
+        if kind and self._progress.disable and not self._quiet:
+            self._notice = Timer(LONG_S, lambda: sys.stderr.write(f"{kind}\n"))
+            self._notice.daemon = True
+            self._notice.start()
 
 
-def result_table(summary: dict[str, Any], mission: Mission) -> Table:
+def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) -> Table:
     """The result, beside the published numbers where there are any."""
-    row = published(mission.name, summary["law"], mission.limits.heat_flux_max_kwpm2)
+    row = None
+    if comparable:
+        row = published(mission.name, summary["law"], mission.limits.heat_flux_max_kwpm2)
     source = row.source if row else ""
     table = Table(title=f"{mission.title}: law {summary['law']}, {summary['outcome']}")
     table.add_column("")

@@ -46,7 +46,9 @@ STATE = RecordSpec(
 
 
 @kernel
-def heat_flux_error(design: Record, loop: Record, inner: Record, nav: Record) -> float:
+def heat_flux_error(
+    design: Record, loop: Record, onboard: Record, inner: Record, nav: Record
+) -> float:
     """Heat-flux error with the lead of h* and the decay of Eqs. 31-32; zero outside the band."""
     q_wpm2 = nav["heat_flux_wpm2"]
     set_point_wpm2 = design["heat_flux_max_wpm2"]
@@ -56,22 +58,23 @@ def heat_flux_error(design: Record, loop: Record, inner: Record, nav: Record) ->
     lead_m = (
         loop["lead_s"] * nav["v_rel_mps"] * (nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"])
     )
-    # dq/dh = -q / 2 Hs, the first column of C in [MOOIJ18] Eq. 29 applied to the lead.
-    led_wpm2 = error_wpm2 - q_wpm2 * lead_m / (2.0 * design["scale_height_m"])
+    rho_exponent = onboard["heating"]["rho_exponent"]
+    # dq/dh = -m q / Hs for q = k rho^m V^n, of C in [MOOIJ18] Eq. 29, applied to the lead.
+    led_wpm2 = error_wpm2 - rho_exponent * q_wpm2 * lead_m / design["scale_height_m"]
     # Eq. 31 as printed runs from 0 to 1; one minus it.
     return led_wpm2 * (1.0 - nominal.smooth_step(inner["released_s"] / loop["decay_s"]))
 
 
 @kernel
-def correction(design: Record, loop: Record, planet: Record, state: Record, nav: Record) -> float:
+def correction(design: Record, loop: Record, onboard: Record, state: Record, nav: Record) -> float:
     """Bank increment of the inner loop: the larger of the two parallel trackers."""
     inner = state["nominal"]
-    energy_jpkg = specific_energy(planet, nav["alt_m"], nav["v_rel_mps"])
+    energy_jpkg = specific_energy(onboard["planet"], nav["alt_m"], nav["v_rel_mps"])
     n_rows = int(loop["n_rows"])
     grid = loop["energy_jpkg"]
     k_heat_flux = interp(energy_jpkg, grid, loop["k_heat_flux_radm2pw"], n_rows)
     k_load = interp(energy_jpkg, grid, loop["k_load_radpg"], n_rows)
-    error_wpm2 = heat_flux_error(design, loop, inner, nav)
+    error_wpm2 = heat_flux_error(design, loop, onboard, inner, nav)
     state["heat_flux_error_wpm2"] = error_wpm2
     for_heat_flux_rad = -k_heat_flux * error_wpm2
     for_load_rad = -k_load * max(inner["load_factor_g"] - design["load_factor_max_g"], 0.0)
@@ -92,7 +95,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     nominal.report(inner, out)
     if inner["phase"] >= nominal.HEAT_FLUX:
         state["correction_rad"] = correction(
-            design["nominal"], design["inner_loop"], onboard["planet"], state, nav
+            design["nominal"], design["inner_loop"], onboard, state, nav
         )
         out["bank_cmd_rad"] = min(max(inner["bank_rad"] + state["correction_rad"], 0.0), math.pi)
     telemetry = out["telemetry"]

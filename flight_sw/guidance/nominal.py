@@ -19,7 +19,6 @@ from flight_sw.types_ import Record
 PRE_PEAK, POST_PEAK, HEAT_FLUX, TRANSITION = 0, 1, 2, 3
 PHASES = ("pre-peak", "post-peak", "heat-flux", "transition")
 
-N_HEAT_FLUX = 6.0  # rho V^6 is constant on a heat-flux limit, [MOOIJ18] below Eq. 9
 N_LOAD = 2.0  # rho V^2 is constant on a load limit
 FALLING_SAMPLES = 2  # in a row, make a peak
 LIFT_MIN_MPS2 = 1e-6  # no bank command is formed below this lift
@@ -50,7 +49,8 @@ DESIGN = RecordSpec(
     Field("k_flow_d_load_rads", -10.0, 10.0, "Eq. 23, load phase"),
     Field("transition_start_ratio", 0.01, 0.99, "share of the load limit, Eq. 18"),
     Field("transition_duration_s", 0.1, 1e3, "Eq. 21"),
-    Field("release_exponent", N_LOAD, N_HEAT_FLUX, "heat-flux tracking ends below this n"),
+    Field("heat_flux_exponent", 2.01, 100.0, "rho V^n on a heat-flux limit, below Eq. 9: 6"),
+    Field("release_exponent", N_LOAD, 100.0, "heat-flux tracking ends below this n"),
 )
 
 STATE = RecordSpec(
@@ -130,24 +130,27 @@ def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -
 @kernel
 def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_s: float) -> float:
     """Exponent of the phase (into `state`) and the constant to hold now.  [MOOIJ18] Eqs. 18-22"""
+    n_heat_flux = design["heat_flux_exponent"]
     load_max = design["load_factor_max_g"]
     load_start = design["transition_start_ratio"] * load_max
     if state["phase"] == HEAT_FLUX and state["load_factor_g"] >= load_start:
         state["phase"] = TRANSITION
         state["transition_time_s"] = 0.0
     if state["phase"] != TRANSITION:
-        state["flow_exponent"] = N_HEAT_FLUX
+        state["flow_exponent"] = n_heat_flux
         return state["tracking_constant"]
     share = smooth_step((state["load_factor_g"] - load_start) / (load_max - load_start))
-    state["flow_exponent"] = N_HEAT_FLUX - (N_HEAT_FLUX - N_LOAD) * share
+    state["flow_exponent"] = n_heat_flux - (n_heat_flux - N_LOAD) * share
     present = rho_kgpm3 * math.pow(v_mps, state["flow_exponent"])
     if state["released"] == 1:
         state["released_s"] += dt_s
     elif state["flow_exponent"] < design["release_exponent"]:
         state["released"] = 1
-    blend = smooth_step(state["transition_time_s"] / design["transition_duration_s"])
+    # Eq. 22 gathered by terms, one minus its step being the step backwards: the constant of n = 6
+    # is 10^12 times that of n = 2, and in the difference as printed the present one is lost.
+    left = smooth_step(1.0 - state["transition_time_s"] / design["transition_duration_s"])
     state["transition_time_s"] += dt_s
-    return state["tracking_constant"] - (state["tracking_constant"] - present) * blend
+    return left * state["tracking_constant"] + (1.0 - left) * present
 
 
 @kernel
@@ -219,7 +222,8 @@ def _tracking_bank(
     ratio = present / constant
     state["constant_ratio"] = ratio
     rate_ps = ratio * (-v_mps * math.sin(gamma_rad) / h_s_m + n * v_rate_mps2 / v_mps)
-    share = (N_HEAT_FLUX - n) / (N_HEAT_FLUX - N_LOAD)
+    n_heat_flux = design["heat_flux_exponent"]
+    share = (n_heat_flux - n) / (n_heat_flux - N_LOAD)
     k_d = design["k_flow_d_heat_flux_rads"] + share * (
         design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
     )
@@ -246,8 +250,8 @@ def advance(
     rho_kgpm3 = forces["rho_kgpm3"]
     if state["phase"] < HEAT_FLUX:
         before = state["phase"]
-        v_cubed = v_mps * v_mps * v_mps
-        _watch_peak(design, state, nav["heat_flux_wpm2"], rho_kgpm3 * v_cubed * v_cubed)
+        flow_now = rho_kgpm3 * math.pow(v_mps, design["heat_flux_exponent"])
+        _watch_peak(design, state, nav["heat_flux_wpm2"], flow_now)
         if before == PRE_PEAK and state["phase"] != PRE_PEAK:
             alpha_rad = design["alpha_after_peak_rad"]
             modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
@@ -258,7 +262,7 @@ def advance(
     )
     state["alpha_rad"] = alpha_rad
     if state["phase"] < HEAT_FLUX:
-        state["flow_exponent"] = N_HEAT_FLUX
+        state["flow_exponent"] = design["heat_flux_exponent"]
         state["bank_rad"] = design["bank_before_tracking_rad"]
         return status.OK
     constant = _schedule(design, state, rho_kgpm3, v_mps, dt_s)

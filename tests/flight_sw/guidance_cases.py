@@ -90,14 +90,14 @@ def random_nav(rng: np.random.Generator) -> Values:
     }
 
 
-def random_memory(rng: np.random.Generator, memory: Any, nav: Values) -> None:
-    """A memory that such a fix could meet, in any phase."""
+def random_memory(rng: np.random.Generator, memory: Any, nav: Values, n: float) -> None:
+    """A memory that such a fix could meet, in any phase; n of the heat-flux limit."""
     v_mps = nav["v_rel_mps"]
     memory["phase"] = rng.integers(0, 4)
     memory["falling"] = rng.integers(0, 2)
     memory["heat_flux_prev_wpm2"] = nav["heat_flux_wpm2"] * rng.choice([0.999, 1.0, 1.001])
     memory["heat_flux_peak_wpm2"] = HEAT_FLUX_MAX_WPM2 * rng.uniform(0.9, 1.2)
-    memory["tracking_constant"] = density(nav["alt_m"]) * v_mps**6 * np.exp(rng.normal(0.0, 0.1))
+    memory["tracking_constant"] = density(nav["alt_m"]) * v_mps**n * np.exp(rng.normal(0.0, 0.1))
     memory["gamma_integral_rads"] = rng.normal(0.0, 0.1)
     memory["gamma_error_prev_rad"] = rng.normal(0.0, 1e-3)
     memory["gamma_started"] = rng.integers(0, 2)

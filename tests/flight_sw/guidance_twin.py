@@ -5,6 +5,7 @@ the Newtonian coefficients of the mission file, memory in a dictionary named as 
 """
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,9 @@ def density(alt_m: float) -> float:
     return RHO0_KGPM3 * math.exp(-alt_m / AIR_SCALE_M)
 
 
-def quintic(x: float) -> float:
-    """The paper's smooth step, held outside 0 to 1."""
-    x = 0.0 if x < 0.0 else 1.0 if x > 1.0 else x
+def quintic(x: Any) -> Any:
+    """The paper's smooth step, held outside 0 to 1; exact for a fraction."""
+    x = min(max(x, 0), 1)
     return 6 * x**5 - 15 * x**4 + 10 * x**3
 
 
@@ -66,7 +67,7 @@ class NominalTwin:
     def __init__(self, design: Values, memory: Values) -> None:
         self.design, self.memory = design, memory
 
-    def _watch(self, q: float, c_6: float) -> None:
+    def _watch(self, q: float, c_n: float) -> None:
         d, m = self.design, self.memory
         if m["phase"] == 0:
             m["heat_flux_peak_wpm2"] = max(q, m["heat_flux_peak_wpm2"])
@@ -75,7 +76,7 @@ class NominalTwin:
                 m["phase"] = 1
         if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"]:
             over = d["heat_flux_max_wpm2"] / m["heat_flux_peak_wpm2"]
-            m["tracking_constant"] = c_6 * over if over > 1.0 else c_6
+            m["tracking_constant"] = c_n * over if over > 1.0 else c_n
             m["phase"] = 2
         m["heat_flux_prev_wpm2"] = q
 
@@ -86,18 +87,20 @@ class NominalTwin:
         if m["phase"] == 2 and m["load_factor_g"] >= start:
             m["phase"], m["transition_time_s"] = 3, 0.0
         if m["phase"] == 2:
-            m["flow_exponent"] = 6.0
+            m["flow_exponent"] = d["heat_flux_exponent"]
             return float(m["tracking_constant"])
         n_x = (m["load_factor_g"] - start) / (n_max - start)  # Eq. 18
-        m["flow_exponent"] = 6 - 4 * quintic(n_x)  # Eq. 19
+        n_1, n_2 = d["heat_flux_exponent"], 2
+        m["flow_exponent"] = n_1 - (n_1 - n_2) * quintic(n_x)  # Eq. 19
         if m["released"]:
             m["released_s"] += dt
         elif m["flow_exponent"] < d["release_exponent"]:
             m["released"] = 1
         t_x = m["transition_time_s"] / d["transition_duration_s"]  # Eq. 21
         m["transition_time_s"] += dt
-        here = rho * v ** m["flow_exponent"]  # Eq. 20
-        return float(m["tracking_constant"] - (m["tracking_constant"] - here) * quintic(t_x))
+        here, held = Fraction(rho * v ** m["flow_exponent"]), Fraction(m["tracking_constant"])
+        share = quintic(Fraction(t_x))  # exact: Eq. 22 is a difference of unlike magnitudes
+        return float(held - (held - here) * share)
 
     def _pid(self, gamma: float, dt: float) -> float:
         d, m = self.design, self.memory
@@ -135,7 +138,9 @@ class NominalTwin:
         ratio = rho * v**n / c_n
         m["constant_ratio"] = ratio
         change = ratio * (-v * math.sin(gamma) / h_s + n * v_dot / v)
-        k_d = np.interp(n, [2, 6], [d["k_flow_d_load_rads"], d["k_flow_d_heat_flux_rads"]])
+        k_d = np.interp(
+            n, [2, d["heat_flux_exponent"]], [d["k_flow_d_load_rads"], d["k_flow_d_heat_flux_rads"]]
+        )
         bank += d["k_flow_p_rad"] * (ratio - 1) + k_d * change  # Eq. 23
         return max(0.0, min(math.pi, float(bank))), int(abs(cosine) > 1.0)
 
@@ -144,11 +149,12 @@ class NominalTwin:
         d, m = self.design, self.memory
         v, rho = nav["v_rel_mps"], density(nav["alt_m"])
         if m["phase"] < 2:
-            self._watch(nav["heat_flux_wpm2"], rho * v**6)
+            self._watch(nav["heat_flux_wpm2"], rho * v ** d["heat_flux_exponent"])
         m["alpha_rad"] = d["alpha_before_peak_rad" if m["phase"] == 0 else "alpha_after_peak_rad"]
         m["load_factor_g"] = rho * v**2 / (2 * MASS_KG * G0) * math.hypot(*areas_m2(m["alpha_rad"]))
         if m["phase"] < 2:
-            m["flow_exponent"], m["bank_rad"] = 6.0, d["bank_before_tracking_rad"]
+            m["flow_exponent"] = d["heat_flux_exponent"]
+            m["bank_rad"] = d["bank_before_tracking_rad"]
             return 0
         c_n = self._constant(rho, v, dt)
         m["bank_rad"], code = self._bank(nav, rho, dt, c_n)
@@ -164,7 +170,8 @@ def energy_jpkg(nav: Values) -> float:
 class LqyTwin:
     """Nominal guidance with the inner loop."""
 
-    def __init__(self, design: Values, memory: Values) -> None:
+    def __init__(self, design: Values, memory: Values, rho_exponent: float = 0.5) -> None:
+        self.rho_exponent = rho_exponent  # of the heat-flux law, one half in the paper
         self.loop, self.design, self.memory = design["inner_loop"], design["nominal"], memory
         self.nominal = NominalTwin(design["nominal"], memory["nominal"])
 
@@ -179,7 +186,7 @@ class LqyTwin:
         inner = self.memory["nominal"]
         gamma_off = nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"]
         dh = self.loop["lead_s"] * nav["v_rel_mps"] * gamma_off  # Eq. 30
-        lead = -q / (2 * self.design["scale_height_m"]) * dh
+        lead = -self.rho_exponent * q / self.design["scale_height_m"] * dh
         fading = 1 - quintic(inner["released_s"] / self.loop["decay_s"])  # Eq. 31, one minus it
         return float((q - q_max + lead) * fading)
 

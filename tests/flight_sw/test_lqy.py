@@ -26,10 +26,13 @@ def test_a_step_from_any_state_is_that_of_the_twin() -> None:
     for _ in range(700):
         case = Case("lqy")
         nav = random_nav(rng)
-        random_memory(rng, case.memory, nav)
+        case.design["heat_flux_exponent"] = rng.choice([6.0, 6.0, 5.3, 8.0])
+        random_memory(rng, case.memory, nav, float(case.design["heat_flux_exponent"]))
+        rho_exponent = float(rng.choice([0.5, 0.4]))
+        case.body["onboard"]["heating"]["rho_exponent"] = rho_exponent
         memory = values_of(case.state[0])
         code = case.step(**nav)
-        twin = LqyTwin(values_of(case.body[0]["law"]), memory)
+        twin = LqyTwin(values_of(case.body[0]["law"]), memory, rho_exponent)
         bank_rad, saturated = twin.step(nav, float(case.body["guidance_dt_s"][0]))
         assert differences(case.state[0], memory) == {}, nav
         assert case.out["bank_cmd_rad"][0] == pytest.approx(bank_rad, rel=1e-10, abs=1e-11)

@@ -272,7 +272,7 @@ def test_override_of_a_model_brings_its_keys():
         (
             "heat_flux_max_kwpm",
             1.0,
-            "heat_flux_max_kwpm is not a mission key, nearest is limits.heat_flux_max_kwpm2; "
+            "heat_flux_max_kwpm is not a known key, nearest is limits.heat_flux_max_kwpm2; "
             "allowed name, title, source, planet.radius_km, ",
         ),
         (
@@ -291,7 +291,7 @@ def test_override_of_a_model_brings_its_keys():
             "hyperion-1.toml with overrides: limits.heat_flux_max_kwpm2 is nan, "
             "allowed 1 to 1000000 kW/m2",
         ),
-        ("planet", 3.0, "planet is not a mission key"),
+        ("planet", 3.0, "planet is not a known key"),
     ],
 )
 def test_wrong_override_is_refused(key, value, beginning):

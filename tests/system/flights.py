@@ -9,6 +9,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cantools
 import numpy as np
 import numpy.typing as npt
 
@@ -33,6 +34,7 @@ LAWS = ("nominal", "lqy")
 
 PIECES: dict[str, dict[str, float | str]] = {
     "entry": {},
+    "minute": {"end.time_max_s": 60.0},
     "peak": {
         "entry.altitude_km": 68.85,
         "entry.speed_mps": 7500.0,
@@ -216,3 +218,13 @@ def commands(frames: Frames) -> Frames:
 def sha256(frames: Frames) -> str:
     """Hash over frames, byte for byte."""
     return hashlib.sha256(frames.tobytes()).hexdigest()
+
+
+def cantools_values(frames: Frames, message: str) -> list[dict[str, Any]]:
+    """Frames of one message as cantools decodes them."""
+    database = cantools.database.load_file(Path(icd.DBC_PATH))
+    can_id = icd.layout(message).can_id
+    return [
+        database.decode_message(can_id, int(f["data"]).to_bytes(8, "little"), decode_choices=False)
+        for f in frames[frames["can_id"] == can_id]
+    ]

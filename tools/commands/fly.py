@@ -1,6 +1,7 @@
 """`aeroshell fly`: one flight, recorded and summarised."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,7 +10,6 @@ import typer
 
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
-    from sim_harness.mission import Mission
     from tools.overrides import Prepared
 
 RUNS = Path("runs")
@@ -17,22 +17,30 @@ SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
 
-def new_folder(out: Path | None, mission: str, law: str, force: bool) -> Path:
-    """The folder of this flight's files: the one named, or the next free one below runs/."""
-    from flight_sw.errors import FlightError
+class Folder:
+    """The folder of a flight's files: the one named, or the next free one below runs/."""
 
-    if out is None:
-        names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
-        out = next(RUNS / name for name in names if not (RUNS / name).exists())
-    elif not force:
-        for name in (SUMMARY_NAME, RECORDING_NAME):
-            if (out / name).exists():
-                raise FlightError(f"--out {out}: holds {name} already, --force replaces it")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
-    return out
+    def __init__(self, out: Path | None, mission: str, law: str, force: bool) -> None:
+        from flight_sw.errors import FlightError
+
+        if out is None:
+            names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
+            out = next(RUNS / name for name in names if not (RUNS / name).exists())
+        elif not force:
+            for name in (SUMMARY_NAME, RECORDING_NAME):
+                if (out / name).exists():
+                    raise FlightError(f"--out {out}: holds {name} already, --force replaces it")
+        self.path = out
+        self._is_new = not out.exists()
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
+
+    def discard(self) -> None:
+        """Remove a folder made for a flight that never began."""
+        if self._is_new:
+            shutil.rmtree(self.path, ignore_errors=True)
 
 
 def pace_factor(text: str) -> float:
@@ -144,7 +152,9 @@ def fly(
     load: Annotated[
         Path | None, typer.Option(help="load image to fly instead of the gains'")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="seed of everything random")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="kept with the flight; nothing is random yet")
+    ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
     ] = None,
@@ -163,12 +173,12 @@ def fly(
     prepared = prepare(mission, law, settings or [], load)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
-    folder = new_folder(out, prepared.mission.name, prepared.law, force)
+    folder = Folder(out, prepared.mission.name, prepared.law, force)
     plan = FlightPlan(
         mission=prepared.mission,
         law=prepared.law,
         load_image=prepared.load_image,
-        load_path=_load_path(prepared, folder),
+        load_path=_load_path(prepared, folder.path),
         bus=bus,
         seed=seed,
         recorded=record,
@@ -176,7 +186,9 @@ def fly(
         pace=factor,
         synchronisation=synchronisation,
     )
-    _fly(plan, folder, as_json)
+    summary = _fly(plan, folder, as_json)
+    if not as_json:
+        _show(summary, prepared, folder.path)
 
 
 def _load_path(prepared: "Prepared", folder: Path) -> Path:
@@ -190,7 +202,8 @@ def _load_path(prepared: "Prepared", folder: Path) -> Path:
     return path
 
 
-def _fly(plan: "FlightPlan", folder: Path, as_json: bool) -> None:
+def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
+    """Fly, write the summary, and raise for a flight that was not flown to its end."""
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
     from sim_harness.summary import summary_of
@@ -198,28 +211,31 @@ def _fly(plan: "FlightPlan", folder: Path, as_json: bool) -> None:
     from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    with ProgressLine(plan.mission, quiet=as_json) as line:
-        run = FlightRun(plan, [line])
-        try:
-            failure = fly_and_record(run, folder if plan.recorded else None)
-        finally:
-            summary: dict[str, Any] = summary_of(run)
+    run = None
+    try:
+        with ProgressLine(plan.mission, quiet=as_json) as line:
+            run = FlightRun(plan, [line])
+            failure = fly_and_record(run, folder.path if plan.recorded else None)
+    finally:
+        if run is None or run.harness["truth"]["minor_frames"][0] == 0:
+            folder.discard()
+        else:
+            summary = summary_of(run)
             text = json.dumps(summary, indent=1)
-            write_atomically(folder / SUMMARY_NAME, (text + "\n").encode())
-    if as_json:
+            write_atomically(folder.path / SUMMARY_NAME, (text + "\n").encode())
+    if as_json and run.harness["truth"]["minor_frames"][0] > 0:
         print(text)
     if failure:
         raise FlightError(failure)
-    if not as_json:
-        _show(summary, plan.mission, folder)
     if run.outcome not in PHYSICAL_ENDS:
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
+    return summary
 
 
-def _show(summary: dict[str, Any], mission: "Mission", folder: Path) -> None:
+def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
     from rich.console import Console
 
     from tools.show import footnote, result_table
 
-    Console().print(result_table(summary, mission))
+    Console().print(result_table(summary, prepared.mission, prepared.comparable))
     print(footnote(summary, f"{folder}/"))

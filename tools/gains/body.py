@@ -109,6 +109,14 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
         raise DesignError("laws: nominal and lqy need a table [nominal], which is missing")
     record["heat_flux_max_wpm2"] = mission.limits.heat_flux_max_kwpm2 * 1e3
     record["load_factor_max_g"] = mission.limits.load_factor_max_g
+    # q = k rho^m V^n is constant where rho V^(n/m) is.
+    exponent = mission.heating.speed_exponent / mission.heating.density_exponent
+    record["heat_flux_exponent"] = exponent
+    if not choice.release_exponent < exponent:
+        raise DesignError(
+            f"nominal.release_exponent is {choice.release_exponent:g}, allowed below "
+            f"{exponent:g}, the exponent of a constant heat flux"
+        )
     for name, value in choice:
         if name.endswith("_deg"):
             record[name.removesuffix("_deg") + "_rad"] = math.radians(value)

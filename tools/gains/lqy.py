@@ -110,7 +110,7 @@ class Along:
         by_heat = where(float(self.design["heat_flux_max_wpm2"]), "heat_flux_wpm2")
         by_load = where(float(self.design["load_factor_max_g"]), "load_factor_g")
         if by_heat >= by_load:
-            return by_heat, nominal.N_HEAT_FLUX
+            return by_heat, float(self.design["heat_flux_exponent"])
         return by_load, nominal.N_LOAD
 
     def path(self, altitude_m: float, speed_mps: float, n: float) -> tuple[float, float]:
@@ -158,9 +158,11 @@ class Along:
             ]
         )
         b = np.array([[0.0], [-c_g * lift * math.sin(bank_rad)]])
+        rho_exponent = float(self.onboard["heating"]["rho_exponent"])
+        v_exponent = float(self.onboard["heating"]["v_exponent"])
         c = np.array(
             [
-                [3.0 * q_wpm2 / speed_mps, -q_wpm2 / (2.0 * h_s)],
+                [v_exponent * q_wpm2 / speed_mps, -rho_exponent * q_wpm2 / h_s],
                 [2.0 * load_g / speed_mps, -load_g / h_s],
             ]
         )

@@ -103,7 +103,7 @@ class Nominal(Section):
     transition_start_ratio: Annotated[float, Quantity("-", 0.01, 0.99, "of the load limit, Eq. 18")]
     transition_duration_s: Annotated[float, Quantity("s", 0.1, 1e3, "Eq. 21")]
     release_exponent: Annotated[
-        float, Quantity("-", 2.0, 6.0, "heat-flux tracking ends below this n")
+        float, Quantity("-", 2.0, 100.0, "heat-flux tracking ends below this n")
     ]
 
 

@@ -1,0 +1,156 @@
+"""After boot nothing allocates: in the machine code, in numba's counters, in the interpreter's."""
+
+import gc
+import re
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core.runtime import _nrt_python, rtsys
+
+from flight_sw.executive import serve
+from sim_harness.flight import hand_over
+from sim_harness.jit import kernel
+from sim_harness.loop import fly_in_memory
+from tests.flight_sw.test_executive import Loop
+from tests.system.flights import LAWS, Computer, World, built
+
+pytestmark = pytest.mark.jit_only
+
+ALLOCATORS = re.compile(
+    r"\b(NRT_Allocate\w*|NRT_MemInfo_(?:new|alloc|varsize)\w*|malloc|calloc|realloc|posix_memalign|"
+    r"Py\w+_New\w*|PyList_\w+|PyMem_\w+|PyObject_Malloc)\b"
+)
+WRAPPER_ONLY = {"PyBytes_FromStringAndSize", "PyUnicode_FromString"}  # texts of refused arguments
+CHUNK_CYCLES = 400
+SETTLING_CALLS = 600  # calls that fly nothing fill the lists of free objects that gc emptied
+BLOCKS_OF_THE_INTERPRETER = 16  # that come and go between calls: numbers of the readings
+
+
+def allocators_in(compiled: Any) -> set[str]:
+    """Allocating functions that a fresh copy's machine code names, callees linked in."""
+    (signature,) = compiled.signatures
+    return set(ALLOCATORS.findall(compiled.inspect_asm(signature)))
+
+
+def symbols_in(compiled: Any) -> str:
+    """The whole assembly, to see that the callees are in it."""
+    (signature,) = compiled.signatures
+    return str(compiled.inspect_asm(signature))
+
+
+@kernel
+def make_array(n: int) -> float:
+    """What a kernel must not do."""
+    return np.zeros(n)[n - 1]
+
+
+@kernel
+def call_it(n: int) -> float:
+    """An allocation behind a call."""
+    return make_array(n) + 1.0
+
+
+def test_an_allocation_is_seen_behind_a_call(fresh_compile: Callable[..., Any]) -> None:
+    assert call_it(3) == 1.0
+    assert allocators_in(fresh_compile(call_it, 3))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_minor_frame_holds_no_allocation(law: str, fresh_compile: Callable[..., Any]) -> None:
+    made = built(law)
+    computer = Computer(made)
+    compiled = fresh_compile(hand_over, made.load, computer.state, computer.tx, 1, computer.tx)
+    assert allocators_in(compiled) == set()
+    for callee in ("minor_frame", "modelled_forces", "limits5limit", "receiver5judge"):
+        assert callee in symbols_in(compiled)
+
+
+def test_the_executive_holds_no_allocation(fresh_compile: Callable[..., Any]) -> None:
+    loop = Loop()
+    made, computer = loop.flight.made, loop.computer
+    compiled = fresh_compile(
+        serve, 0, loop.io, made.load, computer.state, loop.executive, loop.rx, loop.tx, 0
+    )
+    assert allocators_in(compiled) == set()
+    assert "recvmmsg" in symbols_in(compiled)
+    assert "sendmmsg" in symbols_in(compiled)
+
+
+def test_the_flight_loop_holds_no_allocation(fresh_compile: Callable[..., Any]) -> None:
+    world, computer = World(built("lqy"), 10), Computer(built("lqy"))
+    compiled = fresh_compile(
+        fly_in_memory, world.harness, built("lqy").load, computer.state, world.step_time, world.rx,
+        world.tx, world.logs, 1,
+    )  # fmt: skip
+    assert allocators_in(compiled) == set()
+
+
+def counters() -> np.ndarray:
+    """numba's allocations and frees (twice: memory, owners), and the interpreter's live blocks."""
+    return np.array([*rtsys.get_allocation_stats(), sys.getallocatedblocks()])
+
+
+@pytest.fixture
+def counting() -> Iterator[None]:
+    """numba counts, and the collector is off as in the running flight computer."""
+    _nrt_python.memsys_enable_stats()
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+    _nrt_python.memsys_disable_stats()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_no_counter_moves_over_a_whole_flight(law: str, counting: None) -> None:
+    world, computer = World(built(law), 46_000), Computer(built(law))
+    for _ in range(SETTLING_CALLS):
+        world.fly(computer, 0)
+        counters()
+    readings = np.zeros((120, 5), np.int64)
+    for reading in readings:
+        world.fly(computer, CHUNK_CYCLES)
+        reading[:] = counters()
+    assert world.harness["truth"]["v_rel_mps"][0] < 2400.0  # it has flown to the end
+    check(np.diff(readings, axis=0))
+
+
+def check(per_call: np.ndarray) -> None:
+    """Each call wraps its arrays and lets them go; frames add nothing, and nothing stays."""
+    of_numba, blocks = per_call[:, :4], per_call[:, 4]
+    assert (of_numba == of_numba[0]).all()
+    allocated, freed, made, dropped = of_numba[0]
+    assert (allocated, made) == (freed, dropped)
+    assert abs(blocks.sum()) <= BLOCKS_OF_THE_INTERPRETER
+
+
+def test_ten_thousand_frames_cost_what_one_costs(counting: None) -> None:
+    def cost(cycles: int) -> list[int]:
+        world, computer = World(built("lqy"), 12_000), Computer(built("lqy"))
+        world.fly(computer, 1)
+        before = counters()
+        world.fly(computer, cycles)
+        return (counters() - before)[:4].tolist()
+
+    cost(1)
+    assert cost(10_000) == cost(1)
+
+
+def test_the_serving_loop_moves_no_counter(counting: None) -> None:
+    loop = Loop()
+    for _ in range(SETTLING_CALLS):
+        loop.serve(slice_ns=0)
+        counters()
+    loop.send(loop.flight.navigation[0])
+    loop.serve()
+    readings = np.zeros((30, 5), np.int64)
+    for cycle, reading in zip(loop.flight.navigation[1:31], readings, strict=True):
+        loop.send(cycle)
+        reading[:] = counters()
+        loop.serve(slice_ns=1)
+        reading[:] = counters() - reading
+        loop.answers()
+    check(readings[3:])
