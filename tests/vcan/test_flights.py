@@ -15,7 +15,6 @@ from tests.vcan.flying import (
     end,
     fly,
     frames_through,
-    running,
     set_interface,
     start,
 )
@@ -26,7 +25,7 @@ FLOOD_S = 10.0
 LONG_FLOOD_S = 600.0
 REALTIME_S = 60.0
 ATTEMPTS = 2
-SLIPS_MAX = 30  # one percent of the frames
+FLOWN_RATIO = 4.0  # seconds of flight in a second of flood
 MANY_FRAMES = 20_000
 FALSE_EACH = 1000  # frames of each identifier
 FALSE_GAP_MS = 5
@@ -51,7 +50,7 @@ def test_a_lockstep_flight_sends_the_commands_of_memory() -> None:
 
 
 def test_a_minute_of_entry_in_real_time_slips_nowhere() -> None:
-    """In the box a busy host shows as lateness: a second try is given, and few slips are no bug."""
+    """In the box a busy host shows as lateness: a second try is given."""
     for _ in range(ATTEMPTS):
         summary = fly(time_max_s=REALTIME_S, pace=1.0)
         assert summary["failure"] == ""
@@ -63,22 +62,27 @@ def test_a_minute_of_entry_in_real_time_slips_nowhere() -> None:
             assert summary["pace_held"] is True
             assert summary["command_sha256"] == sha256_in_memory(REALTIME_S)
             return
-        assert summary["slips"] + summary["late_commands"] <= SLIPS_MAX
     pytest.skip(f"the machine was too busy for real time in {ATTEMPTS} tries: {slips}")
 
 
 def fly_flooded(seconds: float) -> tuple[dict[str, Any], int, float]:
     """A lockstep flight flooded with foreign identifiers: summary, foreign frames, seconds."""
-    flooding = (
-        ("cangen", INTERFACE, "-g", "0", "-i", "-I", "123"),
-        ("cangen", INTERFACE, "-g", "0", "-i", "-e"),
-    )
-    with running(*flooding):
-        before, start_s = frames_through(), time.monotonic()
-        summary = fly(time_max_s=seconds * 10)
+    began: list[tuple[int, float]] = []
+    cangens: list[subprocess.Popen[bytes]] = []
+
+    def flood() -> None:
+        began.append((frames_through(), time.monotonic()))
+        for options in (("-I", "123"), ("-e",)):
+            cangens.append(start("cangen", INTERFACE, "-g", "0", "-i", *options))
+
+    try:
+        summary = fly(time_max_s=seconds * FLOWN_RATIO, trigger=Trigger(flood))
+        before, start_s = began[0]
         elapsed_s = time.monotonic() - start_s
         own = summary["frames_sent"] + summary["computer"]["frames_sent"]
         return summary, frames_through() - before - own, elapsed_s
+    finally:
+        end(*cangens)
 
 
 def check_flooded(seconds: float) -> None:
@@ -90,7 +94,7 @@ def check_flooded(seconds: float) -> None:
     )
     assert summary["failure"] == ""
     assert foreign > MANY_FRAMES
-    assert summary["command_sha256"] == sha256_in_memory(seconds * 10)
+    assert summary["command_sha256"] == sha256_in_memory(seconds * FLOWN_RATIO)
     assert summary["rejected_by_flight_computer"]["UNKNOWN_ID"] == 0  # the kernel's filter
     assert summary["rejected_by_harness"]["UNKNOWN_ID"] > 0  # it hears everything
 
