@@ -108,6 +108,7 @@ def run(tmp_path: Path) -> FlightRun:
     return run_of(built("lqy", "minute"), tmp_path / "lqy.load", "unix", recorded=False)
 
 
+@pytest.mark.alone
 def test_a_killed_computer_ends_the_flight(run: FlightRun, nothing_left: None) -> None:
     mishap = Mishap(run, lambda flight: os.kill(flight.pid, signal.SIGKILL))
     assert mishap.sentence.startswith("flight computer was killed by signal 9, at ")
@@ -117,6 +118,7 @@ def test_a_killed_computer_ends_the_flight(run: FlightRun, nothing_left: None) -
     assert is_gone(mishap.pid)
 
 
+@pytest.mark.alone
 def test_a_stopped_computer_ends_the_flight(run: FlightRun, nothing_left: None) -> None:
     mishap = Mishap(run, lambda flight: os.kill(flight.pid, signal.SIGSTOP))
     assert mishap.sentence.startswith("flight computer did not answer for 0.8 s, at ")
@@ -124,12 +126,14 @@ def test_a_stopped_computer_ends_the_flight(run: FlightRun, nothing_left: None) 
     assert is_gone(mishap.pid)
 
 
+@pytest.mark.alone
 def test_a_computer_asked_to_end_ends_the_flight(run: FlightRun, nothing_left: None) -> None:
     mishap = Mishap(run, lambda flight: os.kill(flight.pid, signal.SIGTERM))
     assert mishap.sentence.startswith("flight computer ended with status 0, at ")
     assert mishap.took_s < WITHIN_S
 
 
+@pytest.mark.alone
 def test_a_bus_that_goes_away_ends_the_flight(tmp_path: Path, nothing_left: None) -> None:
     hub = Hub(tmp_path / "bus")
     hub.start()
