@@ -46,6 +46,7 @@ WORKED = [
     ("FSW_STATUS", (45001, 2, 3, 1, 1, 0, 1, 1, 0xBEEF), 13, "dd 9d fc 0a 32 1b ef be"),
     ("FSW_BOOT", (0x89ABCDEF, 1, 2), 2, "fe f2 de bc 9a 18 02 00"),
     ("GROUND_REQUEST", (0x89ABCDEF, 1), 7, "7f f7 de bc 9a 18 00 00"),
+    ("FSW_TIMING", (200, 300, 2, 5), 6, "c0 86 0c c0 12 20 40 01"),
     ("TM_NOMINAL_A", (2.0, -0.05), 12, "71 0c d0 12 13 70 2f fc"),
     ("TM_NOMINAL_B", (3.15, 0.98), 1, "f5 01 0b 01 03 b4 5f 00"),
     ("TM_LQY", (-0.02, -8000.0), 6, "3c 06 96 e7 3f 78 ec ff"),

@@ -31,6 +31,7 @@ AGREED = {  # identifier: name, sender, cycle in ms
 }
 SUFFIX_OF_UNIT = {
     "rad": "_rad", "m": "_m", "m/s": "_mps", "m/s^2": "_mps2", "W/m^2": "_wpm2", "s": "_s",
+    "us": "_us",
 }  # fmt: skip
 UNITS = set(SUFFIX_OF_UNIT.values())
 

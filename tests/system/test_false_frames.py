@@ -64,11 +64,11 @@ def fly_among(harnesses: Any, loads: Any, states: Any, buffers: Any, logs: Any, 
     rx, both, tx = buffers
     harness = harnesses[0]
     for cycle in range(len(noise.first) - 1):
-        n_rx = loop._open_cycle(harness, logs, rx)
+        n_rx = loop.open_cycle(harness, logs, rx)
         n_tx = minor_frame(loads[0], states[0], both, mixed(rx, n_rx, noise, cycle, both), tx)
-        if not loop._take_answer(harness, logs, tx, n_tx):
+        if not loop.take_answer(harness, logs, tx, n_tx):
             return -cycle
-        outcome = loop._close_cycle(harness)
+        outcome = loop.close_cycle(harness)
         if outcome != FLYING:
             return outcome
     return FLYING
@@ -111,7 +111,7 @@ def calm_flight(law: str) -> World:
 
 def command_stream(world: World) -> str:
     """Hash over every command of a flight."""
-    return sha256(world.logs.commands[: int(world.harness["n_commands"][0])])
+    return sha256(world.logs.commands[: int(world.harness["written"][0, loop.COMMANDS])])
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -11,6 +11,7 @@ import pytest
 
 from sim_harness.bus_flight import fly_bus
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory
+from sim_harness.loop import COMMANDS
 from sim_harness.mission import load_mission
 from sim_harness.summary import summary_of
 from tests.system.flights import Built, Computer, World
@@ -184,7 +185,7 @@ def test_commands_keep_the_designs_limits_and_the_vehicle_the_missions(folder: P
     world = World(made, 8000)
     assert world.fly(Computer(made), 8000) == 1
     truth, dt_s = world.truth, 0.04
-    sent = world.logs.commands[: int(world.harness["n_commands"][0])]["data"]
+    sent = world.logs.commands[: int(world.harness["written"][0, COMMANDS])]["data"]
     bank_deg = np.degrees((sent >> np.uint64(12) & np.uint64((1 << 26) - 1)) * 1e-7)
     assert bank_deg.max() <= 150.0 + 1e-5
     steps = np.diff(bank_deg[:-1])

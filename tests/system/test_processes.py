@@ -185,7 +185,7 @@ def test_a_computer_with_another_load_is_not_flown(
     other = tmp_path / "nominal.load"
     other.write_bytes(built("nominal", "minute").raw)
     address = f"unix:{tmp_path / 'bus'}"
-    with Hub(tmp_path / "bus"), ComputerProcess(other, address):
+    with Hub(tmp_path / "bus"), ComputerProcess(other, address, [], print):
         with pytest.raises(FlightError, match="no flight computer with load 0x"):
             fly_bus(own_hub_run(tmp_path))
 
@@ -194,7 +194,7 @@ def test_a_computer_started_by_hand_is_flown(tmp_path: Path, nothing_left: None)
     address = f"unix:{tmp_path / 'bus'}"
     with Hub(tmp_path / "bus"):
         run = own_hub_run(tmp_path)
-        with ComputerProcess(run.plan.load_path, address) as computer:
+        with ComputerProcess(run.plan.load_path, address, [], print) as computer:
             assert fly_bus(run) == ""
             assert run.outcome_text == "time out"
             assert wait_gone(computer.pid)  # by the stop request
