@@ -11,7 +11,7 @@ from typing import NoReturn
 import typer
 
 from flight_sw.errors import AeroshellError
-from tools.commands import bus, fly, gains, missions
+from tools.commands import bench, bus, fly, gains, missions, timing
 
 REFUSED = 1
 INTERRUPTED = 130
@@ -26,6 +26,8 @@ app = typer.Typer(
 app.command()(fly.fly)
 app.command()(missions.missions)
 app.command()(gains.gains)
+app.command()(timing.timing)
+app.add_typer(bench.app, name="bench")
 app.add_typer(bus.app, name="bus")
 
 
