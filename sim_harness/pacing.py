@@ -201,7 +201,7 @@ def fly_in_real_time(harnesses: Frames, pacers: Frames, wire: Wire, logs: Logs, 
             outcome = _fly_frame(harness, pacer, wire, logs)
         if outcome != FLYING:
             break
-    if cycles > 0:
+    if outcome != FLYING:
         pacer["end_ns"] = monotonic_ns()
         if outcome not in (BUS_LOST, COMPUTER_SILENT):
             _stop_computer(harness, pacer, wire, logs)

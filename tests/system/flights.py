@@ -18,7 +18,7 @@ from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.histogram import HISTOGRAM
 from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
-from sim_harness.loop import HARNESS, Logs, fly_in_memory
+from sim_harness.loop import BUS, HARNESS, TRUTHS, Logs, fly_in_memory
 from sim_harness.mission import Mission, load_mission
 from sim_harness.port import put_request
 from sim_harness.telemetry.records import BUS_LOG
@@ -162,12 +162,12 @@ class World:
     @property
     def frames(self) -> Frames:
         """Every frame so far, in bus order."""
-        return self.logs.bus[: int(self.harness["n_bus"][0])]["frame"]
+        return self.logs.bus[: int(self.harness["written"][0][BUS])]["frame"]
 
     @property
     def truth(self) -> Frames:
         """The truth at the start of every cycle so far."""
-        return self.logs.truth[: int(self.harness["n_truth"][0])]
+        return self.logs.truth[: int(self.harness["written"][0][TRUTHS])]
 
 
 class Recorded(NamedTuple):
