@@ -42,6 +42,7 @@ from flight_sw.scheduling import run_in_bursts
 
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
+DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
 SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILING, READY = 0, 1
@@ -156,6 +157,24 @@ class FlightComputer:
         notice.cancel()
         self.compile_s = time.monotonic() - start_s
 
+    def discard(self) -> None:
+        """Drop what came while nobody listened: a full queue would not take the first request."""
+        end_s, taken = time.monotonic() + DISCARD_MAX_S, 0
+        while time.monotonic() < end_s:
+            try:
+                raw = self.bus.recv(FRAME.itemsize)
+            except BlockingIOError:
+                if taken < RX_CAPACITY:
+                    return
+                taken = 0
+                time.sleep(DISCARD_PAUSE_S)  # a hub has more for us
+                continue
+            except OSError:
+                return
+            if not raw:
+                return
+            taken += 1
+
     def _end(self, number: int, frame: FrameType | None) -> None:
         self.asked_to_end = True
 
@@ -172,6 +191,7 @@ class FlightComputer:
         gc.collect()
         gc.freeze()
         gc.disable()
+        self.discard()
         announcer.state = READY  # from here on nothing but the loop takes time
         outcome = RUNNING
         while outcome == RUNNING and not self.asked_to_end:

@@ -274,7 +274,7 @@ def _telemeter(load: Record, executive: Record, tx: Frames, n_tx: int, now_ns: i
 @kernel
 def _is_overdue(account: Record, state: Record, before: int) -> bool:
     """Whether a look at the bus, taken when the time message was overdue, has not brought it."""
-    if account["synchronisation"] == LOCKSTEP or account["due_ns"] == 0:
+    if account["synchronisation"] == LOCKSTEP or account["due_ns"] == 0 or state["stop"] == 1:
         return False
     if int(state["cycles_run"]) != before or 0 < account["full_in_row"] < FULL_IN_ROW_MAX:
         return False

@@ -19,7 +19,7 @@ from flight_sw.can.receiver import VERDICTS
 from flight_sw.computer import ARM, STOP, minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
-from flight_sw.histogram import HISTOGRAM, percentiles_us
+from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.load_image import activate, parse_image
 from flight_sw.types_ import Frames
 from sim_harness.jit import kernel
@@ -272,6 +272,7 @@ def fly_memory(run: FlightRun) -> None:
     counted = state["rx"]["counted"][0]
     run.computer = {
         "step_time_us": percentiles_us(step_time[0]),
+        "step_time_bins_us": filled_bins_us(step_time[0]),
         "compile_s": round(run.compile_s, 3),
         "verdicts": verdicts(counted),
         "incomplete_sets": int(state["incomplete_sets"][0]),

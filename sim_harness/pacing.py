@@ -146,13 +146,14 @@ def _begin(pacer: Record) -> int:
 
 
 @kernel
-def _is_silent(harness: Record, pacer: Record, sent_ns: int, answers: int) -> bool:
+def _is_silent(harness: Record, pacer: Record, deadline_ns: int, answers: int) -> bool:
     """Account for the frame's answer; True once the flight computer has said nothing too long."""
     port = harness["port"]
     now_ns = monotonic_ns()
     if port["answered"] == 0:
         pacer["late_commands"] += 1
-        add(pacer["round_trip"], now_ns - sent_ns)  # at least: to leave them out would flatter
+        # at least so long since the frame was due to begin: to leave it out would flatter
+        add(pacer["round_trip"], max(now_ns - deadline_ns, 0) + pacer["period_ns"])
     if port["answered"] == 1 or port["stale_answers"] != answers:
         pacer["answer_ns"] = now_ns
     return now_ns - pacer["answer_ns"] > pacer["silence_max_ns"]
@@ -171,7 +172,7 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
     outcome = _listen_until(harness, pacer, logs, wire, sent_ns, deadline_ns)
     if outcome != FLYING:
         return outcome
-    if _is_silent(harness, pacer, sent_ns, answers):
+    if _is_silent(harness, pacer, deadline_ns, answers):
         return COMPUTER_SILENT
     return close_cycle(harness, logs)
 
@@ -200,7 +201,7 @@ def fly_in_real_time(harnesses: Frames, pacers: Frames, wire: Wire, logs: Logs, 
             outcome = _fly_frame(harness, pacer, wire, logs)
         if outcome != FLYING:
             break
-    if cycles > 0:
+    if outcome != FLYING:
         pacer["end_ns"] = monotonic_ns()
         if outcome not in (BUS_LOST, COMPUTER_SILENT):
             _stop_computer(harness, pacer, wire, logs)

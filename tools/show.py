@@ -130,9 +130,12 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
     """One line on how it was flown and where it lies."""
     step = summary["step_time_us"]
     timing = f"step p50 {step['p50']:.1f} us, p99.9 {step['p999']:.1f} us; " if step else ""
+    pace = ""
+    if not summary["pace_held"]:
+        pace = f"pace {summary['pace']} not held, {summary['pace_reached']:,.2f}x reached; "
     return (
         f"{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
-        f"{summary['frames_rejected']} frames rejected; {timing}"
+        f"{summary['frames_rejected']} frames rejected; {timing}{pace}"
         f"{summary['speedup']:,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"
     )

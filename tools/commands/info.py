@@ -17,6 +17,9 @@ DISPLAY = {  # SI unit at the end of a name: factor and unit to show
 }
 
 
+TIMING_KEY = "timing"  # told by `aeroshell timing`
+
+
 def info(
     flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
     as_json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
@@ -33,7 +36,7 @@ def _text(found: dict[str, Any]) -> str:
     sections = [
         ("", [_state(found), _contents(found)]),
         ("manifest", _pairs(found["manifest"])),
-        ("outcome", _pairs(found["outcome"])),
+        ("outcome", _pairs({k: v for k, v in found["outcome"].items() if k != TIMING_KEY})),
         ("modes", [f"{m['t_s']:9.2f} s  {m['mode']}" for m in found["modes"]]),
         ("events", [f"{e['t_s']:9.2f} s  {e['level']:<7}  {e['text']}" for e in found["events"]]),
         ("extremes", [_extreme(extreme) for extreme in found["extremes"]]),

@@ -1,0 +1,85 @@
+"""`aeroshell bench`: what this machine reaches."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from tools.latency import Latency
+
+BEGIN, END = "<!-- latency: begin -->", "<!-- latency: end -->"
+SECONDS_MIN, SECONDS_MAX = 1.0, 180.0
+
+app = typer.Typer(help="Measurements of this machine.", no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Measurements of this machine."""
+
+
+@app.command()
+def latency(
+    seconds: Annotated[
+        float, typer.Option(min=SECONDS_MIN, max=SECONDS_MAX, help="length of each measurement")
+    ] = 10.0,
+    readme: Annotated[
+        Path | None, typer.Option(help="put the table between this file's two markers")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+) -> None:
+    """Round trip from the navigation set sent to its command complete, idle and on a full bus."""
+    from tools.latency import measure
+
+    if readme is not None:
+        replaced(readme, "")  # refused before anything is measured
+    found = []
+    for row in measure(seconds):
+        found.append(row)
+        sys.stderr.write(f"{row.bus}, {row.traffic}: {row.sets} sets\n")
+    if as_json:
+        print(json.dumps(as_object(found, seconds), indent=1))
+    else:
+        print(table(found))
+    if readme is not None:
+        readme.write_text(replaced(readme, table(found)), encoding="utf-8")
+
+
+def as_object(found: "list[Latency]", seconds: float) -> dict[str, Any]:
+    """What `--json` prints."""
+    return {"seconds": seconds, "rows": [row._asdict() for row in found]}
+
+
+def table(found: "list[Latency]") -> str:
+    """The rows as Markdown."""
+    from tools.flight_timing import PERCENTILES
+
+    lines = [
+        "| bus | foreign traffic | " + " | ".join(f"{p} us" for p in PERCENTILES.values())
+        + " | sets | late |",
+        "| --- | --- |" + " ---: |" * (len(PERCENTILES) + 2),
+    ]  # fmt: skip
+    for row in found:
+        traffic = f"{row.foreign_rate_hz:,.0f} frames/s" if row.foreign_rate_hz else "none"
+        cells = [f"{row.round_trip_us[key]:,.1f}" for key in PERCENTILES]
+        cells += [f"{row.sets:,}", f"{row.late_commands:,}"]
+        lines.append(f"| {row.bus} | {traffic} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def replaced(readme: Path, text: str) -> str:
+    """The file's text with `text` between the markers."""
+    from flight_sw.errors import AeroshellError
+
+    try:
+        before = readme.read_text(encoding="utf-8")
+    except OSError as error:
+        raise AeroshellError(f"--readme {readme}: cannot be read, {error.strerror}") from error
+    head, begin, rest = before.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise AeroshellError(f"--readme {readme}: has no lines '{BEGIN}' and '{END}'")
+    return f"{head}{BEGIN}\n\n{text}\n\n{END}{tail}"

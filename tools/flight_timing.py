@@ -1,0 +1,122 @@
+"""A flight's timing, as its summary or its recording tells it."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flight_sw.errors import AeroshellError
+from sim_harness.summary import TIMING_KEY
+from sim_harness.telemetry.reader import open_recording
+
+SUMMARY_NAME = "summary.json"
+RECORDING_NAME = "flight.mcap"
+COUNTS = ("pace", "pace_reached", "pace_held", "slips", "ticks", "late_commands")
+FLOWN = ("bus", "synchronisation", "minor_frames", "period_s")
+
+QUANTITIES = (
+    ("wake-up of the harness", "harness", "harness_wake_up"),
+    ("wake-up of the computer", "computer", "wake_up"),
+    ("step of the computer", "computer", "step_time"),
+    ("round trip", "harness", "round_trip"),
+)
+"""Title, side and name of everything that is measured in flight, in the order of a minor frame."""
+
+
+class TimingError(AeroshellError):
+    """A file that tells no flight's timing."""
+
+
+class Measured(NamedTuple):
+    """One quantity's distribution, in microseconds."""
+
+    title: str
+    percentiles_us: dict[str, float]
+    """p50, p99, p999, max."""
+    bins_us: list[tuple[float, int]]
+    """Upper edge and count of every bin that holds something."""
+
+
+class FlightTiming(NamedTuple):
+    """What was measured of a flight's punctuality."""
+
+    source: str
+    flown: dict[str, Any]
+    counts: dict[str, Any]
+    measured: list[Measured]
+
+    @property
+    def is_lockstep(self) -> bool:
+        """Whether it was flown without a clock."""
+        return str(self.counts["pace"]) == "lockstep"
+
+    def as_json(self) -> dict[str, Any]:
+        """The object that `aeroshell timing --json` prints."""
+        return {
+            "source": self.source,
+            **self.flown,
+            **self.counts,
+            "measured": [quantity._asdict() for quantity in self.measured],
+        }
+
+
+def _from_summary(path: Path) -> Any:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TimingError(f"{path}: cannot be read, {error.strerror}") from error
+    except ValueError as error:
+        raise TimingError(f"{path}: is no summary of a flight, it is not JSON") from error
+    return found
+
+
+def _from_recording(path: Path) -> Any:
+    recording = open_recording(path)
+    text = recording.outcome.get(TIMING_KEY)
+    if text is None:
+        why = "" if recording.is_complete else ", its recorder was cut off"
+        raise TimingError(f"{path}: holds no timing{why}")
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise TimingError(f"{path}: its timing is not JSON") from error
+
+
+def _file_of(flight: Path) -> Path:
+    if not flight.is_dir():
+        return flight
+    for name in (SUMMARY_NAME, RECORDING_NAME):
+        if (flight / name).is_file():
+            return flight / name
+    raise TimingError(f"{flight}: is no flight, holds neither {SUMMARY_NAME} nor {RECORDING_NAME}")
+
+
+def _measured(timing: Mapping[str, Any]) -> list[Measured]:
+    found = []
+    for title, side, name in QUANTITIES:
+        of_side = timing[side]
+        bins = [(float(edge_us), int(n)) for edge_us, n in of_side.get(f"{name}_bins_us", [])]
+        if bins:
+            percentiles = {key: float(of_side[f"{name}_us"][key]) for key in PERCENTILES}
+            found.append(Measured(title, percentiles, bins))
+    return found
+
+
+PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+"""Keys of a distribution, and how they are called."""
+
+
+def read_timing(flight: Path) -> FlightTiming:
+    """The timing of a run folder, a summary or a recording; one sentence where there is none."""
+    path = _file_of(flight)
+    told = _from_recording(path) if path.suffix == ".mcap" else _from_summary(path)
+    if not isinstance(told, dict) or "pace" not in told:
+        raise TimingError(f"{path}: is no summary of a flight")
+    try:
+        flown, counts = ({key: told[key] for key in keys} for keys in (FLOWN, COUNTS))
+        measured = _measured(told["timing"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise TimingError(f"{path}: holds no timing, or one of another version") from error
+    if not measured:
+        raise TimingError(f"{path}: holds no timing, nothing of the flight was measured")
+    return FlightTiming(str(path), flown, counts, measured)
