@@ -1,6 +1,7 @@
 """What all tests share: where compiled kernels are kept, and what an uncompiled pass leaves out."""
 
 import os
+import signal
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -36,6 +37,10 @@ if not _is_writable(jit.cache_root()):
     jit.kernel = jit.kernel_decorator(jit.FLIGHT_ROOT)
 
 kernel_cache.serialise_saves()
+
+# Tests interrupt processes that they start. A suite that was itself started in the background
+# inherits an ignored SIGINT, and would hand it on.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -55,7 +55,7 @@ def followed(target: float, bounds: Any, state: Any, frames: int, dt_s: float = 
 def test_the_first_command_is_taken_at_once_within_magnitude(
     wanted: float, sent: float, code: int
 ) -> None:
-    state = limiter(started=0)
+    state = limiter(rate=0.7, started=0)
     assert limit(wanted, DT_S, axis(-1.0, 2.0, 0.1, 0.1), state) == code
     assert (state["command_rad"], state["rate_radps"], state["started"]) == (sent, 0.0, 1)
 

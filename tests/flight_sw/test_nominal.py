@@ -285,6 +285,7 @@ def test_telemetry_reports_what_its_names_say() -> None:
     case = steady()
     case.step()
     telemetry = dict(zip(nominal.TELEMETRY, case.out["telemetry"][0], strict=False))
+    assert case.out["phase"][0] == case.memory["phase"] == nominal.HEAT_FLUX
     assert telemetry["bank_nominal_rad"] == case.out["bank_cmd_rad"][0]
     assert telemetry["flow_exponent"] == 6.0
     assert telemetry["tracking_constant_ratio"] == pytest.approx(1.0, rel=1e-12)

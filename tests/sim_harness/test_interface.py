@@ -195,6 +195,9 @@ def test_the_logger_of_python_can_logs_the_bus(hub: Hub, tmp_path: Path) -> None
                 assert time.monotonic() < deadline_s
         time.sleep(0.5)
         logger.send_signal(2)
-        output, _ = logger.communicate(timeout=WAIT_S)
+        try:
+            output, _ = logger.communicate(timeout=WAIT_S)
+        finally:
+            logger.kill()  # nothing to a process that has ended; no test waits for one that has not
     found = re.findall(r"^ *[0-9.]+ +\d+ +([0-9A-F]+) +Rx", log.read_text(), re.MULTILINE)
     assert [int(identifier, 16) for identifier in found] == [m.can_id for m in icd.LAYOUT], output
