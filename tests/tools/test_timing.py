@@ -145,8 +145,6 @@ def test_a_picture_that_cannot_be_written_is_refused(
 
 PERCENTILES_US = {"p50": 1.0, "p99": 2.5, "p999": 1234.56, "max": 9e3}
 ROW = Latency("unix", "full rate", 2500, 3, 7400.0, PERCENTILES_US)
-    "unix", "full rate", 2500, 3, 7400.0, {"p50": 1.0, "p99": 2.5, "p999": 1234.56, "max": 9e3}
-)
 
 
 def test_the_table_is_markdown_with_a_row_a_measurement() -> None:
