@@ -68,7 +68,7 @@ def fly_among(harnesses: Any, loads: Any, states: Any, buffers: Any, logs: Any, 
         n_tx = minor_frame(loads[0], states[0], both, mixed(rx, n_rx, noise, cycle, both), tx)
         if not loop.take_answer(harness, logs, tx, n_tx):
             return -cycle
-        outcome = loop.close_cycle(harness)
+        outcome = loop.close_cycle(harness, logs)
         if outcome != FLYING:
             return outcome
     return FLYING
