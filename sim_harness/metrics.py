@@ -20,7 +20,10 @@ METRICS = np.dtype(
         ("heat_flux_over_s", "f8"),  # time over each limit
         ("load_factor_over_s", "f8"),
         ("dynamic_pressure_over_s", "f8"),
-        ("bank_saturated_s", "f8"),
+        ("bank_saturated_s", "f8"),  # time with the command on a limit
+        ("alpha_saturated_s", "f8"),
+        ("bank_travel_rad", "f8"),  # sum of the command's steps
+        ("bank_before_rad", "f8"),  # command of the frame before; meaningless in the first
         ("without_fix_s", "f8"),
         ("bank_reversals", "i8"),
         ("bank_sign", "i8"),
@@ -31,11 +34,35 @@ METRICS = np.dtype(
 
 
 @kernel
+def _judge_command(metrics: Record, port: Record, dt_s: float, is_first: bool) -> None:
+    """Account for the command that is flown in one minor frame."""
+    bank_rad = port["bank_cmd_rad"]
+    metrics["bank_effort_rads"] += abs(bank_rad) * dt_s
+    if port["bank_saturated"] == 1:
+        metrics["bank_saturated_s"] += dt_s
+    if port["alpha_saturated"] == 1:
+        metrics["alpha_saturated_s"] += dt_s
+    if not is_first:
+        metrics["bank_travel_rad"] += abs(bank_rad - metrics["bank_before_rad"])
+    metrics["bank_before_rad"] = bank_rad
+    if port["fix_valid"] == 0:
+        metrics["without_fix_s"] += dt_s
+    sign = 0
+    if bank_rad > 0.0:
+        sign = 1
+    elif bank_rad < 0.0:
+        sign = -1
+    if sign != 0:
+        if metrics["bank_sign"] != 0 and sign != metrics["bank_sign"]:
+            metrics["bank_reversals"] += 1
+        metrics["bank_sign"] = sign
+
+
+@kernel
 def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> None:
     """Account for one minor frame, before it is flown: truth at its start, command as received."""
     q_wpm2 = truth["heat_flux_wpm2"]
     load_g = truth["load_factor_g"]
-    bank_rad = port["bank_cmd_rad"]
     if port["tracking"] == 1:
         metrics["activated"] = 1
         metrics["tracking_time_s"] += dt_s
@@ -51,17 +78,4 @@ def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> No
         metrics["load_factor_over_gs"] += (load_g - metrics["load_factor_limit_g"]) * dt_s
     if truth["dynamic_pressure_pa"] > metrics["dynamic_pressure_limit_pa"]:
         metrics["dynamic_pressure_over_s"] += dt_s
-    metrics["bank_effort_rads"] += abs(bank_rad) * dt_s
-    if port["bank_saturated"] == 1:
-        metrics["bank_saturated_s"] += dt_s
-    if port["fix_valid"] == 0:
-        metrics["without_fix_s"] += dt_s
-    sign = 0
-    if bank_rad > 0.0:
-        sign = 1
-    elif bank_rad < 0.0:
-        sign = -1
-    if sign != 0:
-        if metrics["bank_sign"] != 0 and sign != metrics["bank_sign"]:
-            metrics["bank_reversals"] += 1
-        metrics["bank_sign"] = sign
+    _judge_command(metrics, port, dt_s, truth["minor_frames"] == 0)
