@@ -21,6 +21,7 @@ from sim_harness.mission_keys import (
     Navigation,
     Planet,
     TableAtmosphere,
+    Target,
     Us76Atmosphere,
     Vehicle,
 )
@@ -44,9 +45,10 @@ class Mission(Section):
         ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
     ]
     vehicle: Vehicle
-    heating: Heating
+    heating: Heating | None = None
     entry: Entry
-    limits: Limits
+    target: Target | None = None
+    limits: Limits = Limits()
     end: End = End()
     actuators: Actuators = Actuators()
     navigation: Navigation = Navigation()

@@ -5,7 +5,9 @@ import math
 from typing import Any
 
 from flight_sw.can.receiver import LOST, OK, VERDICTS
+from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
+from sim_harness.terminal import told
 
 TIMING_KEY = "timing"  # of a recording's results
 NOT_REJECTED = {VERDICTS[OK], VERDICTS[LOST]}
@@ -53,16 +55,42 @@ def results_of(run: FlightRun) -> dict[str, str]:
     kept = {key: getattr(run.plan, key) for key in ("bus", "synchronisation")}
     frames = int(run.harness["truth"]["minor_frames"][0])
     period_s = run.plan.mission.dt_s
-    told = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
-    return {TIMING_KEY: json.dumps(told)}
+    results = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
+    return {TIMING_KEY: json.dumps(results)}
+
+
+def heating_of(run: FlightRun) -> dict[str, float | None]:
+    """Heat load and fluxes: null for a mission without heating, the error null without a limit."""
+    truth, metrics = run.harness[0]["truth"], run.harness[0]["metrics"]
+    mission = run.plan.mission
+    has_limit = math.isfinite(mission.limits.heat_flux_max_kwpm2)
+    before, after = metrics["heat_flux_max_before_wpm2"], metrics["heat_flux_max_after_wpm2"]
+    values = {
+        "heat_load_mjpm2": float(truth["heat_load_jpm2"]) / 1e6,
+        "heat_flux_max_kwpm2": float(truth["heat_flux_max_wpm2"]) / 1e3,
+        "heat_flux_max_before_activation_kwpm2": float(before) / 1e3,
+        "heat_flux_max_after_activation_kwpm2": float(after) / 1e3,
+        "heat_flux_error_mjpm2": float(metrics["heat_flux_error_jpm2"]) / 1e6,
+        "heat_flux_over_s": float(metrics["heat_flux_over_s"]),
+    }
+    untold = () if mission.heating else tuple(values)
+    if not has_limit:
+        untold += ("heat_flux_error_mjpm2",)
+    return {key: None if key in untold else value for key, value in values.items()}
+
+
+def bank_step_rms_deg(metrics: Record) -> float:
+    """Root mean square of the bank command's change from one frame to the next while tracking."""
+    steps = int(metrics["bank_steps"])
+    return math.degrees(math.sqrt(float(metrics["bank_step_sq_rad2"]) / steps)) if steps else 0.0
 
 
 def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
     truth, metrics, port = harness["truth"], harness["metrics"], harness["port"]
-    told = "verdicts" in run.computer
-    by_computer = rejected(run.computer["verdicts"]) if told else None
+    reported = "verdicts" in run.computer
+    by_computer = rejected(run.computer["verdicts"]) if reported else None
     by_harness = rejected(verdicts(port["rx"]["counted"]))
     flight_time_s = float(truth["t_s"])
     return {
@@ -73,18 +101,15 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "seed": run.plan.seed,
         "outcome": run.outcome_text,
         "flight_time_s": flight_time_s,
-        "heat_load_mjpm2": float(truth["heat_load_jpm2"]) / 1e6,
         "ground_range_km": float(truth["ground_range_m"]) / 1e3,
-        "heat_flux_max_kwpm2": float(truth["heat_flux_max_wpm2"]) / 1e3,
-        "heat_flux_max_before_activation_kwpm2": float(metrics["heat_flux_max_before_wpm2"]) / 1e3,
-        "heat_flux_max_after_activation_kwpm2": float(metrics["heat_flux_max_after_wpm2"]) / 1e3,
+        **told(run.plan.mission, harness["world"], truth, run.outcome),
+        **heating_of(run),
         "load_factor_max_g": float(truth["load_factor_max_g"]),
         "dynamic_pressure_max_kpa": float(truth["dynamic_pressure_max_pa"]) / 1e3,
-        "heat_flux_error_mjpm2": float(metrics["heat_flux_error_jpm2"]) / 1e6,
         "bank_effort_degs": math.degrees(float(metrics["bank_effort_rads"])),
+        "bank_step_rms_deg": bank_step_rms_deg(metrics),
         "bank_reversals": int(metrics["bank_reversals"]),
         "tracking_time_s": float(metrics["tracking_time_s"]),
-        "heat_flux_over_s": float(metrics["heat_flux_over_s"]),
         "load_factor_over_s": float(metrics["load_factor_over_s"]),
         "bank_saturated_s": float(metrics["bank_saturated_s"]),
         "without_fix_s": float(metrics["without_fix_s"]),

@@ -92,7 +92,7 @@ MASS_ALLOWED = "allowed 0.001 to 10000000 kg"
             "reference_area_m2 = 1.0",
             "reference_area_m2 = 1.0\nmas_kg = 1.0",
             "vehicle.mas_kg is not a known key, nearest is mass_kg; "
-            "allowed mass_kg, reference_area_m2, aerodynamics",
+            "allowed mass_kg, reference_area_m2, side_lift_ratio, aerodynamics",
         ),
         (
             'model = "us76"',
