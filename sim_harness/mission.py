@@ -22,6 +22,7 @@ from sim_harness.mission_keys import (
     Navigation,
     Planet,
     TableAtmosphere,
+    Target,
     Us76Atmosphere,
     Vehicle,
 )
@@ -45,9 +46,10 @@ class Mission(Section):
         ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
     ]
     vehicle: Vehicle
-    heating: Heating
+    heating: Heating | None = None
     entry: Entry
-    limits: Limits
+    target: Target | None = None
+    limits: Limits = Limits()
     end: End = End()
     actuators: Actuators = Actuators()
     navigation: Navigation = Navigation()
