@@ -53,6 +53,7 @@ class Mission(Section):
     guidance: Guidance
 
     _path: Path = PrivateAttr(default=Path("mission.toml"))
+    _overrides: dict[str, float | str] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
     def starts_in_flight(self) -> Self:
@@ -76,6 +77,11 @@ class Mission(Section):
     def path(self) -> Path:
         """The file it was read from."""
         return self._path
+
+    @property
+    def overrides(self) -> Mapping[str, float | str]:
+        """The keys that were set to something else than the file says."""
+        return self._overrides
 
     @property
     def dt_s(self) -> float:
@@ -134,6 +140,7 @@ def load_mission(
         lines = [f"{label}: {sentence(Mission, raw, e)}" for e in error.errors()]
         raise MissionError("\n".join(lines)) from None
     mission._path = path
+    mission._overrides = dict(overrides or {})
     mission.world()  # reads what the mission refers to, and refuses what cannot be flown
     return mission
 

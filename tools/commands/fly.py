@@ -87,6 +87,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "bus": plan.bus,
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
+        "overrides": json.dumps(dict(plan.mission.overrides)),
         "command_line": " ".join(sys.argv),
     }
 
@@ -95,10 +96,14 @@ def _attachments(run: "FlightRun") -> dict[str, tuple[str, bytes]]:
     from flight_sw import icd
 
     mission = run.plan.mission.path
+    tables = {}
+    if csv := getattr(run.plan.mission.atmosphere, "csv", None):
+        tables[csv] = ("text/csv", (mission.parent / csv).read_bytes())
     return {
         icd.DBC_PATH.name: ("text/plain", icd.DBC_PATH.read_bytes()),
         mission.name: ("application/toml", mission.read_bytes()),
         f"{run.image.law}.load": ("application/octet-stream", run.plan.load_image),
+        **tables,
     }
 
 
