@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
-from sim_harness.mission_errors import chosen, nearest, sections_of, sentence
+from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
+from sim_harness.mission_errors import chosen, item_of, nearest, sections_of, sentence
 from sim_harness.mission_keys import (
     Actuators,
     End,
@@ -21,6 +22,7 @@ from sim_harness.mission_keys import (
     Navigation,
     Planet,
     TableAtmosphere,
+    Target,
     Us76Atmosphere,
     Vehicle,
 )
@@ -44,16 +46,19 @@ class Mission(Section):
         ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
     ]
     vehicle: Vehicle
-    heating: Heating
+    heating: Heating | None = None
     entry: Entry
-    limits: Limits
+    target: Target | None = None
+    limits: Limits = Limits()
     end: End = End()
     actuators: Actuators = Actuators()
     navigation: Navigation = Navigation()
     guidance: Guidance
+    dispersions: dict[str, Dispersions] = Field(default={})
+    judgement: Judgement = Judgement()
+    requirements: list[Requirement] = Field(default=[])
 
     _path: Path = PrivateAttr(default=Path("mission.toml"))
-    _overrides: dict[str, float | str] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
     def starts_in_flight(self) -> Self:
@@ -77,11 +82,6 @@ class Mission(Section):
     def path(self) -> Path:
         """The file it was read from."""
         return self._path
-
-    @property
-    def overrides(self) -> Mapping[str, float | str]:
-        """The keys that were set to something else than the file says."""
-        return self._overrides
 
     @property
     def dt_s(self) -> float:
@@ -134,13 +134,19 @@ def load_mission(
     if overrides:
         apply(raw, overrides)
         label = f"{path.name} with overrides"
+    return mission_of(raw, path, label)
+
+
+def mission_of(raw: dict[str, Any], path: Path, label: str) -> Mission:
+    """The mission that a file's tables state; `label` is what a refusal calls them."""
+    if "dispersions" in raw:
+        raw = {**raw, "dispersions": grouped(raw["dispersions"])}
     try:
         mission = Mission.model_validate(raw)
     except ValidationError as error:
         lines = [f"{label}: {sentence(Mission, raw, e)}" for e in error.errors()]
         raise MissionError("\n".join(lines)) from None
     mission._path = path
-    mission._overrides = dict(overrides or {})
     mission.world()  # reads what the mission refers to, and refuses what cannot be flown
     return mission
 
@@ -181,11 +187,31 @@ def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
     for key, field in section.model_fields.items():
         dotted = prefix + key
         below = raw.get(key) if isinstance(raw, dict) else None
+        if sections_of(item_of(field.annotation)):
+            continue
         if not sections_of(field.annotation):
             keys.append(dotted)
         elif (inner := chosen(field.annotation, below)) is not None:
             keys.extend(leaf_keys(inner, below, f"{dotted}."))
     return keys
+
+
+def differences(mission: Mission) -> dict[str, float | str]:
+    """The keys in which a mission differs from its file, with its values: as overrides."""
+    found: dict[str, float | str] = {}
+    own, plain = mission.model_dump(), load_mission(mission.path).model_dump()
+    for key in leaf_keys(Mission, own):
+        value, stated = _value_at(own, key), _value_at(plain, key)
+        if value != stated and isinstance(value, float | int | str):
+            found[key] = value
+    return found
+
+
+def _value_at(tree: Any, key: str) -> Any:
+    """The value of a dotted key; None where there is none."""
+    for name in key.split("."):
+        tree = tree.get(name) if isinstance(tree, dict) else None
+    return tree
 
 
 def value_of(text: float | str) -> float | str:

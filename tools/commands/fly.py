@@ -78,6 +78,8 @@ def check_bus(bus: str, factor: float, synchronisation: str, *, external_compute
 def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
 
+    from sim_harness.mission import differences
+
     plan = run.plan
     return {
         "project": "aeroshell",
@@ -87,7 +89,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "bus": plan.bus,
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
-        "overrides": json.dumps(dict(plan.mission.overrides)),
+        "overrides": json.dumps(differences(plan.mission)),
         "command_line": " ".join(sys.argv),
     }
 

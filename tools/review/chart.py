@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tools.review.palette import AXIS, GRID, TEXT, Rgba, faded
+from tools.review.palette import AXIS_RGBA, GRID_RGBA, TEXT, Rgba, faded
 from tools.review.stage import Stage
 
 F8 = npt.NDArray[np.float64]
@@ -75,15 +75,15 @@ class Chart(NamedTuple):
         across = [self.places(np.full(2, x), np.array([self.y.low, self.y.high])) for x in xs]
         along = [self.places(np.array([self.x.low, self.x.high]), np.full(2, y)) for y in ys]
         grid = rr.LineStrips2D(
-            across + along, colors=[GRID], radii=rr.Radius.ui_points(0.5), draw_order=-20.0
+            across + along, colors=[GRID_RGBA], radii=rr.Radius.ui_points(0.5), draw_order=-20.0
         )
         stage.still(f"{self.path}/axes/grid", grid)
         frame = np.array([[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT], [0, 0]], float)
-        edge = rr.LineStrips2D([frame], colors=[AXIS], radii=rr.Radius.ui_points(0.8))
+        edge = rr.LineStrips2D([frame], colors=[AXIS_RGBA], radii=rr.Radius.ui_points(0.8))
         stage.still(f"{self.path}/axes/frame", edge)
         places = [[float(self.x.share(x)) * WIDTH, HEIGHT + LABEL_DROP] for x in xs]
         places += [[-LABEL_SHIFT, (1.0 - float(self.y.share(y))) * HEIGHT] for y in ys]
-        self._texts(stage, "ticks", places, [f"{value:,.10g}" for value in xs + ys], AXIS)
+        self._texts(stage, "ticks", places, [f"{value:,.10g}" for value in xs + ys], AXIS_RGBA)
         titles = [[WIDTH / 2.0, HEIGHT + TITLE_DROP], [WIDTH * 0.03, -LABEL_DROP * 2.0]]
         self._texts(stage, "titles", titles, [self.x.title, self.y.title], TEXT)
 

@@ -9,7 +9,16 @@ import numpy.typing as npt
 
 from tools.review.coastlines import land, shore_lines
 from tools.review.geometry import circle, positions, velocity_and_lift
-from tools.review.palette import COAST, GRATICULE, LIFT, TARGET, VELOCITY, ZONE, Palette, faded
+from tools.review.palette import (
+    COAST_RGBA,
+    GRATICULE_RGBA,
+    LIFT,
+    TARGET,
+    VELOCITY,
+    ZONE,
+    Palette,
+    faded,
+)
 from tools.review.stage import Stage, part
 
 F8 = npt.NDArray[np.float64]
@@ -108,14 +117,16 @@ def draw_body(stage: Stage, body: Body) -> None:
     mesh = rr.Mesh3D(**sphere(body.radius_km), albedo_texture=picture(body))
     stage.still(f"{PATH}/{part(body.name)}", mesh)
     above = body.radius_km * LIFTED
-    grid = rr.LineStrips3D(graticule(above), colors=[GRATICULE], radii=rr.Radius.ui_points(0.35))
+    grid = rr.LineStrips3D(
+        graticule(above), colors=[GRATICULE_RGBA], radii=rr.Radius.ui_points(0.35)
+    )
     stage.still(f"{PATH}/graticule", grid)
     if body.name == "Earth":
         shores = [
             positions(np.radians(line[:, 0]), np.radians(line[:, 1]), above)
             for line in shore_lines()
         ]
-        coast = rr.LineStrips3D(shores, colors=[COAST], radii=rr.Radius.ui_points(0.6))
+        coast = rr.LineStrips3D(shores, colors=[COAST_RGBA], radii=rr.Radius.ui_points(0.6))
         stage.still(f"{PATH}/coastlines", coast)
 
 

@@ -112,7 +112,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
         origin="/log",
         name="Events",
         columns=rrb.TextLogColumns(
-            timeline_columns=[TIMELINE], text_log_columns=LOG_COLUMNS[shape.flights == 1 :]
+            timeline_columns=(TIMELINE,), text_log_columns=LOG_COLUMNS[shape.flights == 1 :]
         ),
     )
     sheet = rrb.TextDocumentView(origin="/sheet", name=FLIGHTS)

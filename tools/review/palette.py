@@ -17,13 +17,13 @@ SOFT_LIMITS = {
     "dynamic pressure": _rgb("d98ce0"),
     "equilibrium glide": _rgb("5fd3a3"),
 }
-AXIS = _rgb("a9b2bd")
-GRID = (70, 78, 88, 255)
+AXIS_RGBA = _rgb("a9b2bd")
+GRID_RGBA = (70, 78, 88, 255)
 TEXT = _rgb("dfe5ec")
 TARGET = _rgb("ffe66d")
 ZONE = _rgb("f2545b")
-COAST = _rgb("9fb8a0")
-GRATICULE = (96, 124, 150, 110)
+COAST_RGBA = _rgb("9fb8a0")
+GRATICULE_RGBA = (96, 124, 150, 110)
 FLIGHTS = tuple(
     _rgb(text)
     for text in (
@@ -36,7 +36,7 @@ OTHERS = (*FLIGHTS[1:], FLIGHTS[0])
 
 STATES: dict[str, Rgba] = {
     "STANDBY": (104, 112, 122, 255),
-    "COAST": _rgb("3a78b5"),
+    "COAST_RGBA": _rgb("3a78b5"),
     "ENTRY": _rgb("2f9e5b"),
     "TERMINAL": _rgb("c98a1b"),
     "SAFE": _rgb("d1373f"),

@@ -66,7 +66,7 @@ def _draw_saturation(stage: Stage, panel: Panel, flight: FlightData, look: Palet
 
 
 def _draw_margin(stage: Stage, panel: Panel, flight: FlightData, look: Palette) -> None:
-    """The limit, and for a flight alone the room below it: a line to and fro, so dense that it is a
+    """The limit, and for a flight alone the room below it: a zigzag line, so dense that it is a
     shade."""
     limit = limit_of(panel, flight)
     if not np.isfinite(limit) or (panel.path, limit) in stage.drawn:
