@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import model_validator
 
-from sim_harness.quantities import Quantity, Section, plain, refusal
+from sim_harness.quantities import Meaning, Quantity, Section, plain, refusal
 
 
 def noise(unit: str, high: float, what: str) -> Quantity:
@@ -37,8 +37,9 @@ class Navigation(Section):
     `latency_s` ago, through lag and scale, with constant error and noise, held inside the range of
     its CAN signal. The noise depends on the flight's seed and the report's number alone."""
 
-    model: Literal["exact", "errors"] = "errors"
-    """`exact` allows none of the keys below to differ from its default."""
+    model: Annotated[
+        Literal["exact", "errors"], Meaning("exact: none of the keys below may set an error")
+    ] = "errors"
 
     position_noise_m: Annotated[float, noise("m", 1e6, "position, north and east")] = 0.0
     north_bias_m: Annotated[float, bias("m", 1e6, "position")] = 0.0
@@ -80,8 +81,9 @@ class Navigation(Section):
     dropout_s: Annotated[
         float, Quantity("s", 0.0, 1e6, "length of a drop-out, at least one report")
     ] = 0.0
-    dropout_of: Literal["set", "message"] = "set"
-    """What is missing: all but the time message, or one of the others."""
+    dropout_of: Annotated[
+        Literal["set", "message"], Meaning("what is missing: all but the time message, or one")
+    ] = "set"
 
     @model_validator(mode="after")
     def is_exact_where_it_says_so(self) -> Self:
