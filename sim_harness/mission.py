@@ -19,13 +19,13 @@ from sim_harness.mission_keys import (
     Guidance,
     Heating,
     Limits,
-    Navigation,
     Planet,
     TableAtmosphere,
     Target,
     Us76Atmosphere,
     Vehicle,
 )
+from sim_harness.navigation_keys import Navigation
 from sim_harness.quantities import Section, Text, is_name, refusal
 
 SHIPPED = Path(__file__).parent / "missions"

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tools.overrides import Prepared
 
 RUNS = Path("runs")
+SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
@@ -160,7 +161,7 @@ def fly(
         Path | None, typer.Option(help="load image to fly instead of the gains'")
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="kept with the flight; nothing is random yet")
+        int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
