@@ -18,6 +18,16 @@ SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
 
+MissionName = Annotated[
+    str | None, typer.Argument(help="a shipped mission, or the path of a mission TOML")
+]
+FromCampaign = Annotated[
+    Path | None, typer.Option("--from", help="folder of a campaign: fly one run of it again")
+]
+LoadFile = Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")]
+RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
+
+
 class Folder:
     """The folder of a flight's files: the one named, or the next free one below runs/."""
 
@@ -138,10 +148,10 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
 
 
 def fly(
-    mission: Annotated[
-        str, typer.Argument(help="a shipped mission, or the path of a mission TOML")
-    ],
+    mission: MissionName = None,
     *,
+    campaign: FromCampaign = None,
+    run: RunOfIt = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: Annotated[
         str,
@@ -157,9 +167,7 @@ def fly(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
     ] = None,
-    load: Annotated[
-        Path | None, typer.Option(help="load image to fly instead of the gains'")
-    ] = None,
+    load: LoadFile = None,
     seed: Annotated[
         int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
@@ -176,9 +184,9 @@ def fly(
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from sim_harness.flight import FlightPlan
-    from tools.overrides import prepare
 
-    prepared = prepare(mission, law, settings or [], load)
+    own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
+    prepared, seed, then = _what_to_fly(own, campaign, run)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
     folder = Folder(out, prepared.mission.name, prepared.law, force)
@@ -197,6 +205,39 @@ def fly(
     summary = _fly(plan, folder, as_json)
     if not as_json:
         _show(summary, prepared, folder.path)
+    if campaign is not None and run is not None:
+        _compare(campaign, run, then, summary)
+
+
+def _what_to_fly(
+    own: dict[str, Any], campaign: Path | None, run: int | None
+) -> tuple["Prepared", int, dict[str, Any] | None]:
+    """What was asked for with the options of one's own, or a run of a campaign and its result."""
+    from flight_sw.errors import FlightError
+    from tools.campaign.again import again
+    from tools.overrides import prepare
+
+    if campaign is None and own["MISSION"] is None:
+        raise typer.BadParameter("name a mission, or a campaign's folder with --from")
+    if (campaign is None) != (run is None):
+        raise typer.BadParameter("--from and --run go together")
+    if campaign is None or run is None:
+        settings = own["--set"] or []
+        return prepare(own["MISSION"], own["--law"], settings, own["--load"]), own["--seed"], None
+    if given := [name for name, value in own.items() if value]:
+        raise FlightError(f"--from {campaign}: takes no {given[0]}, the campaign says what flew")
+    return again(campaign, run)
+
+
+def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[str, Any]) -> None:
+    """Say whether a run flown again had the commands that it had in its campaign."""
+    from tools.campaign.again import check_same
+
+    if then is None or not then.get("command_sha256"):
+        sys.stderr.write(f"run {run} of {campaign} has no commands there to compare with\n")
+        return
+    check_same(campaign, run, then, now)
+    sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
 
 
 def _load_path(prepared: "Prepared", folder: Path) -> Path:
