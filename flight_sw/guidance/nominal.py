@@ -202,6 +202,26 @@ def _gamma_correction(
 
 
 @kernel
+def _flow_correction(
+    design: Record, state: Record, nav: Record, constant: float, v_rate_mps2: float
+) -> float:
+    """PD on rho V^n, in bank.  [MOOIJ18] Eq. 23, its rate taken at frozen n"""
+    n = state["flow_exponent"]
+    v_mps = nav["v_rel_mps"]
+    sin_gamma = math.sin(nav["flight_path_angle_rad"])
+    present = state["forces"]["rho_kgpm3"] * math.pow(v_mps, n)
+    ratio = present / constant
+    state["constant_ratio"] = ratio
+    rate_ps = ratio * (-v_mps * sin_gamma / design["scale_height_m"] + n * v_rate_mps2 / v_mps)
+    n_heat_flux = design["heat_flux_exponent"]
+    share = (n_heat_flux - n) / (n_heat_flux - N_LOAD)
+    k_d = design["k_flow_d_heat_flux_rads"] + share * (
+        design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
+    )
+    return design["k_flow_p_rad"] * (ratio - 1.0) + k_d * rate_ps
+
+
+@kernel
 def _tracking_bank(
     design: Record, onboard: Record, state: Record, nav: Record, constant: float, dt_s: float
 ) -> tuple[float, int]:
@@ -251,17 +271,7 @@ def _tracking_bank(
         code = status.SATURATED
     bank_rad = math.acos(min(max(cos_bank, -1.0), 1.0))
     state["path_bank_rad"] = bank_rad
-
-    present = forces["rho_kgpm3"] * math.pow(v_mps, n)
-    ratio = present / constant
-    state["constant_ratio"] = ratio
-    rate_ps = ratio * (-v_mps * math.sin(gamma_rad) / h_s_m + n * v_rate_mps2 / v_mps)
-    n_heat_flux = design["heat_flux_exponent"]
-    share = (n_heat_flux - n) / (n_heat_flux - N_LOAD)
-    k_d = design["k_flow_d_heat_flux_rads"] + share * (
-        design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
-    )
-    bank_rad += design["k_flow_p_rad"] * (ratio - 1.0) + k_d * rate_ps
+    bank_rad += _flow_correction(design, state, nav, constant, v_rate_mps2)
     return min(max(bank_rad, 0.0), math.pi), code
 
 

@@ -173,7 +173,7 @@ class Tracking(Section):
     path_loop_radps: Annotated[float, Quantity("rad/s", 1e-4, 10.0, "of the designed one")] = 0.05
     path_loop_damping: Annotated[float, Quantity("-", 0.0, 10.0, "of the designed one")] = 0.7
     guard_ratio: Annotated[
-        float, Quantity("-", 0.0, 1.0, "of the set point: too hot is fed back after release; 0: not")
+        float, Quantity("-", 0.0, 1.0, "of the set point: too hot is fed back after the release")
     ] = 0.0
     adaptation_s: Annotated[
         float, Quantity("s", 0.0, 1e4, "filter on sensed over modelled forces; 0: the model alone")
