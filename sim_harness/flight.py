@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from flight_sw.computer import ARM, STOP, minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
-from flight_sw.load_image import activate, parse_image
+from flight_sw.load_image import LoadImage, activate, parse_image
 from flight_sw.types_ import Frames
 from sim_harness.jit import kernel
 from sim_harness.loop import (
@@ -75,6 +75,19 @@ class FlightPlan:
     """False: a flight computer with this load is on the bus already."""
 
 
+class Onboard(NamedTuple):
+    """A load image as it was read, and the record that flies."""
+
+    image: LoadImage
+    load: npt.NDArray[np.void]
+
+
+def onboard_of(load_image: bytes, where: str) -> Onboard:
+    """Read, check and activate a load image."""
+    image = parse_image(load_image, where)
+    return Onboard(image, activate(image))
+
+
 class Listener(Protocol):
     """Who is told of a flight in progress: recorder, progress bar."""
 
@@ -97,6 +110,8 @@ class FlightRun:
 
     plan: FlightPlan
     listeners: list[Listener]
+    onboard: "Onboard | None" = None
+    """The plan's load image, where it has been read and activated before."""
     outcome: int = FLYING
     compile_s: float = 0.0
     wall_s: float = 0.0
@@ -111,8 +126,8 @@ class FlightRun:
 
     def __post_init__(self) -> None:
         plan = self.plan
-        self.image = parse_image(plan.load_image, str(plan.load_path))
-        self.load = activate(self.image)
+        onboard = self.onboard or onboard_of(plan.load_image, str(plan.load_path))
+        self.image, self.load = onboard
         self.harness = new_harness(plan, self.load)
         self.pacer = new_pacer(plan)
         self.pacer["load_crc32"] = self.image.crc32

@@ -26,7 +26,9 @@ METRICS = np.dtype(
         ("heat_flux_over_s", "f8"),  # time over each limit
         ("load_factor_over_s", "f8"),
         ("dynamic_pressure_over_s", "f8"),
-        ("bank_saturated_s", "f8"),
+        ("bank_saturated_s", "f8"),  # time with the command on a limit
+        ("alpha_saturated_s", "f8"),
+        ("bank_travel_rad", "f8"),  # sum of the command's steps
         ("without_fix_s", "f8"),
         ("bank_reversals", "i8"),
         ("bank_sign", "i8"),
@@ -37,45 +39,14 @@ METRICS = np.dtype(
 
 
 @kernel
-def _judge_tracking(
-    metrics: Record, q_wpm2: float, bank_rad: float, tracking: int, dt_s: float
-) -> None:
-    """Time and error of the tracker, and how far it moved the command since the frame before."""
-    if tracking == 1:
-        metrics["activated"] = 1
-        metrics["tracking_time_s"] += dt_s
-        if metrics["heat_flux_limit_wpm2"] < math.inf:
-            error_wpm2 = abs(q_wpm2 - metrics["heat_flux_limit_wpm2"])
-            metrics["heat_flux_error_jpm2"] += error_wpm2 * dt_s
-    if tracking == 1 and metrics["tracked_before"] == 1:
-        step_rad = bank_rad - metrics["bank_prev_rad"]
-        metrics["bank_step_sq_rad2"] += step_rad * step_rad
-        metrics["bank_steps"] += 1
-    metrics["bank_prev_rad"] = bank_rad
-    metrics["tracked_before"] = tracking
-
-
-@kernel
-def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> None:
-    """Account for one minor frame, before it is flown: truth at its start, command as received."""
-    q_wpm2 = truth["heat_flux_wpm2"]
-    load_g = truth["load_factor_g"]
+def _judge_command(metrics: Record, port: Record, dt_s: float) -> None:
+    """Account for the command that is flown in one minor frame."""
     bank_rad = port["bank_cmd_rad"]
-    _judge_tracking(metrics, q_wpm2, bank_rad, port["tracking"], dt_s)
-    if metrics["activated"] == 1:
-        metrics["heat_flux_max_after_wpm2"] = max(metrics["heat_flux_max_after_wpm2"], q_wpm2)
-    else:
-        metrics["heat_flux_max_before_wpm2"] = max(metrics["heat_flux_max_before_wpm2"], q_wpm2)
-    if q_wpm2 > metrics["heat_flux_limit_wpm2"]:
-        metrics["heat_flux_over_s"] += dt_s
-    if load_g > metrics["load_factor_limit_g"]:
-        metrics["load_factor_over_s"] += dt_s
-        metrics["load_factor_over_gs"] += (load_g - metrics["load_factor_limit_g"]) * dt_s
-    if truth["dynamic_pressure_pa"] > metrics["dynamic_pressure_limit_pa"]:
-        metrics["dynamic_pressure_over_s"] += dt_s
     metrics["bank_effort_rads"] += abs(bank_rad) * dt_s
     if port["bank_saturated"] == 1:
         metrics["bank_saturated_s"] += dt_s
+    if port["alpha_saturated"] == 1:
+        metrics["alpha_saturated_s"] += dt_s
     if port["fix_valid"] == 0:
         metrics["without_fix_s"] += dt_s
     sign = 0
@@ -87,3 +58,46 @@ def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> No
         if metrics["bank_sign"] != 0 and sign != metrics["bank_sign"]:
             metrics["bank_reversals"] += 1
         metrics["bank_sign"] = sign
+
+
+@kernel
+def _judge_tracking(
+    metrics: Record, q_wpm2: float, port: Record, dt_s: float, is_first: bool
+) -> None:
+    """Time and error of the tracker, and how far it moved the command since the frame before."""
+    bank_rad = port["bank_cmd_rad"]
+    tracking = port["tracking"]
+    if tracking == 1:
+        metrics["activated"] = 1
+        metrics["tracking_time_s"] += dt_s
+        if metrics["heat_flux_limit_wpm2"] < math.inf:
+            error_wpm2 = abs(q_wpm2 - metrics["heat_flux_limit_wpm2"])
+            metrics["heat_flux_error_jpm2"] += error_wpm2 * dt_s
+    if tracking == 1 and metrics["tracked_before"] == 1:
+        step_rad = bank_rad - metrics["bank_prev_rad"]
+        metrics["bank_step_sq_rad2"] += step_rad * step_rad
+        metrics["bank_steps"] += 1
+    if not is_first:
+        metrics["bank_travel_rad"] += abs(bank_rad - metrics["bank_prev_rad"])
+    metrics["bank_prev_rad"] = bank_rad
+    metrics["tracked_before"] = tracking
+
+
+@kernel
+def judge_frame(metrics: Record, truth: Record, port: Record, dt_s: float) -> None:
+    """Account for one minor frame, before it is flown: truth at its start, command as received."""
+    q_wpm2 = truth["heat_flux_wpm2"]
+    load_g = truth["load_factor_g"]
+    _judge_tracking(metrics, q_wpm2, port, dt_s, truth["minor_frames"] == 0)
+    if metrics["activated"] == 1:
+        metrics["heat_flux_max_after_wpm2"] = max(metrics["heat_flux_max_after_wpm2"], q_wpm2)
+    else:
+        metrics["heat_flux_max_before_wpm2"] = max(metrics["heat_flux_max_before_wpm2"], q_wpm2)
+    if q_wpm2 > metrics["heat_flux_limit_wpm2"]:
+        metrics["heat_flux_over_s"] += dt_s
+    if load_g > metrics["load_factor_limit_g"]:
+        metrics["load_factor_over_s"] += dt_s
+        metrics["load_factor_over_gs"] += (load_g - metrics["load_factor_limit_g"]) * dt_s
+    if truth["dynamic_pressure_pa"] > metrics["dynamic_pressure_limit_pa"]:
+        metrics["dynamic_pressure_over_s"] += dt_s
+    _judge_command(metrics, port, dt_s)
