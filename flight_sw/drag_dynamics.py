@@ -72,6 +72,4 @@ def drag_dynamics(
     out["speed_rate_mps2"] = v_rate
     # [YANHE] Eq. 11 gathered as D ((ln D)'^2 + (ln D)''); its v^2 cos^2/(r hs) term comes out minus
     out["free_mps4"] = drag_mps2 * (log_rate * log_rate + log_accel_free)
-    out["authority_mps4"] = (
-        drag_mps2 * (slope_1pm * v - 2.0 * down / v) * cos_gamma * lift_mps2 / v
-    )
+    out["authority_mps4"] = drag_mps2 * (slope_1pm * v - 2.0 * down / v) * cos_gamma * lift_mps2 / v

@@ -43,7 +43,7 @@ def look_up(reference: Record, energy_jpkg: float, out: Record) -> None:
     q = 1.0 - w
     drag, slope, bend = reference["drag_mps2"], reference["slope_1pm"], reference["bend_s2pm3"]
     along = reference["range_m"]
-    # Hermite's cubic: values weigh q^2 (1 + 2w) and w^2 (1 + 2q), slopes width q^2 w and -width w^2 q
+    # Hermite's cubic: weights of the values, then those of the slopes
     left, right = q * q * (1.0 + 2.0 * w), w * w * (1.0 + 2.0 * q)
     rise, fall = width * q * q * w, width * w * w * q
     out["drag_mps2"] = left * drag[i] + right * drag[i + 1] + rise * slope[i] - fall * slope[i + 1]

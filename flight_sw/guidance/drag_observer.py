@@ -55,7 +55,7 @@ def observe_ratio(watch: Record, observer: Record, tracking: Record, nav: Record
 
 @kernel
 def _step_on_ratio(load: Record, state: Record, nav: Record) -> int:
-    """Drag and its rate from the observed ratio and the load's drag, which moves with the motion."""
+    """Drag and its rate from the observed ratio and the load's drag at this place and speed."""
     law = load["law"]
     design, watch = law["tracking"], law["watch"]
     own, observer = state["tracking"], state["observer"]

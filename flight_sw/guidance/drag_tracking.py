@@ -10,8 +10,8 @@ Limits: magnitude of bank alone, positive; constant angle of attack.
 import math
 
 from flight_sw import status
-from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
+from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.energy_reference import NOMINAL, REFERENCE, look_up
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.great_circle import WAY, range_flown
@@ -22,7 +22,9 @@ from flight_sw.types_ import Record
 WAITING, TRACKING = 0, 1
 PHASES = ("waiting", "tracking")
 
-DRAG_MIN_MPS2 = 1e-3  # floor of drag and modelled drag in divisions, no effect where a law is active
+DRAG_MIN_MPS2 = (
+    1e-3  # floor of drag and modelled drag in divisions, no effect where a law is active
+)
 AUTHORITY_MIN_MPS4 = 1e-9  # no control is formed below this authority
 COS_WANTED_MAX = 30.0  # of the unlimited control that is told
 
@@ -150,9 +152,7 @@ def take_rate(state: Record, nav: Record, drag_rate_mps3: float) -> None:
     state["error_rate_mps3"] = drag_rate_mps3 - state["rate_ref_mps3"]
     v = nav["v_rel_mps"]
     energy_rate = -v * state["drag_mps2"]
-    energy_accel = -(
-        state["dynamics"]["speed_rate_mps2"] * state["drag_mps2"] + v * drag_rate_mps3
-    )
+    energy_accel = -(state["dynamics"]["speed_rate_mps2"] * state["drag_mps2"] + v * drag_rate_mps3)
     state["accel_ref_mps4"] = (
         nominal["bend_s2pm3"] * energy_rate * energy_rate + nominal["slope_1pm"] * energy_accel
     )
