@@ -11,12 +11,23 @@ from typing import Any
 from numba.extending import overload
 
 from flight_sw.errors import LoadError
-from flight_sw.guidance import integrated, lqy, nominal, sag
+from flight_sw.guidance import (
+    drag_observer,
+    drag_state,
+    integrated,
+    lqy,
+    nominal,
+    range_predictor,
+    sag,
+)
 from flight_sw.types_ import Record
 
 LAWS: dict[str, ModuleType] = {
     "nominal": nominal,
     "lqy": lqy,
+    "drag-state": drag_state,
+    "drag-observer": drag_observer,
+    "range-predictor": range_predictor,
     "sag": sag,
     "integrated": integrated,
 }

@@ -33,8 +33,8 @@ AGREED = {  # identifier: name, sender, cycle in ms
     0x062: ("RX_HEALTH_C", "FSW", 1000),
 }
 SUFFIX_OF_UNIT = {
-    "rad": "_rad", "m": "_m", "m/s": "_mps", "m/s^2": "_mps2", "W/m^2": "_wpm2",
-    "W/(m^2 s)": "_wpm2ps", "s": "_s", "us": "_us",
+    "rad": "_rad", "m": "_m", "m/s": "_mps", "m/s^2": "_mps2", "m/s^3": "_mps3",
+    "J/kg": "_jpkg", "W/m^2": "_wpm2", "W/(m^2 s)": "_wpm2ps", "s": "_s", "us": "_us",
 }  # fmt: skip
 UNITS = set(SUFFIX_OF_UNIT.values())
 

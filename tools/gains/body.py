@@ -16,7 +16,7 @@ from flight_sw.types_ import Record
 from sim_harness.mission import Mission
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.records import AERO_TABLE
-from tools.gains import adaptive, lqy
+from tools.gains import adaptive, drag, lqy
 from tools.gains.schema import Axis, Design
 
 ALPHA_STEP_DEG = 1.25  # of the sampled table: 20 and 45 deg are knots, 3e-5 off between them
@@ -159,6 +159,9 @@ def _fill_adaptive(body: Record, design: Design, mission: Mission) -> dict[str, 
 FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
     "nominal": _fill_nominal,
     "lqy": _fill_lqy,
+    "drag-state": drag.fill_drag_state,
+    "drag-observer": drag.fill_drag_observer,
+    "range-predictor": drag.fill_range_predictor,
     "sag": _fill_adaptive,
     "integrated": _fill_adaptive,
 }

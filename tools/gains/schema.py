@@ -10,6 +10,7 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance import LAWS
 from sim_harness.mission_errors import sentence
 from sim_harness.quantities import INF, Quantity, Section, Series, Text, refusal
+from tools.gains.drag_choices import DragTracking, NominalFlight, RangePredictor
 
 
 class Timing(Section):
@@ -202,6 +203,10 @@ class Design(Section):
     lqy: Lqy | None = None
     sag: Sag | None = None
     tracking: Tracking | None = None
+    nominal_flight: NominalFlight = NominalFlight()
+    drag: DragTracking | None = None
+    drag_observer: Observer | None = None
+    range_predictor: RangePredictor | None = None
 
     @model_validator(mode="after")
     def _has_known_laws(self) -> Self:
