@@ -66,6 +66,8 @@ class FlightPlan:
     seed: int = 0
     truth_rate_hz: float = 10.0
     recorded: bool = True
+    truth_kept: bool = False
+    """The listeners are given the truth's rows although no frame of the bus is recorded."""
     reply_timeout_s: float = 0.8
     pace: float = 0.0
     """Mission seconds per second of the clock; 0: lockstep."""
@@ -136,10 +138,11 @@ class FlightRun:
             wanted = round(RING_S * plan.pace / plan.mission.dt_s)
             cycles = min(max(cycles, wanted), RING_CYCLES_MAX)
         rows = cycles * FRAMES_PER_CYCLE if plan.recorded else 0
+        truth_rows = cycles // int(self.harness["truth_divider"][0]) + 1
         self.logs = Logs(
             np.zeros(cycles, FRAME),
             np.zeros(rows, BUS_LOG),
-            np.zeros(cycles if plan.recorded else 0, TRUTH),
+            np.zeros(truth_rows if plan.recorded or plan.truth_kept else 0, TRUTH),
         )
         self.chunk_cycles = cycles
         self.rx = np.zeros(RX_CAPACITY, FRAME)
@@ -192,7 +195,7 @@ class FlightRun:
         bus = self._taken(BUS, self.logs.bus, limit)
         truth = self._taken(TRUTHS, self.logs.truth, limit)
         for listener in self.listeners:
-            if self.plan.recorded:
+            if self.plan.recorded or self.plan.truth_kept:
                 listener.rows(bus, truth)
             listener.progress(self)
         if self.plan.pace > 0.0:

@@ -10,6 +10,7 @@ from flight_sw.errors import FlightError
 from tools.campaign import engine
 from tools.campaign.engine import run_campaign
 from tools.campaign.plan import Wanted
+from tools.campaign.profiles import PROFILES, SPOOL
 from tools.campaign.store import JOURNAL, RESULTS
 
 pytestmark = pytest.mark.jit_only
@@ -23,7 +24,7 @@ def flown(tmp_path_factory):
 
 
 def content(folder: Path) -> bytes:
-    return (folder / RESULTS).read_bytes()
+    return (folder / RESULTS).read_bytes() + (folder / PROFILES).read_bytes()
 
 
 def test_rows_are_sorted_by_run_and_every_run_differs(flown):
@@ -62,6 +63,7 @@ def test_a_killed_campaign_goes_on_without_losing_or_repeating_a_flight(
     )  # fmt: skip
     run_campaign(SHORT, tmp_path, jobs=2)
     assert sorted(kept + flown_now) == [1, 2, 3, 4, 5, 6]
+    assert not (tmp_path / SPOOL).exists()
     assert content(tmp_path) == content(flown.folder)
 
 

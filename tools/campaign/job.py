@@ -4,16 +4,26 @@ A `Job` holds no path that must be read: it travels to another machine as it is.
 """
 
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError, MissionError
 from flight_sw.load_image import image_bytes
 from sim_harness.assembly import read_csv
-from sim_harness.flight import FlightPlan, FlightRun, Onboard, fly_memory, memory_loop, onboard_of
+from sim_harness.flight import (
+    FlightPlan,
+    FlightRun,
+    Listener,
+    Onboard,
+    fly_memory,
+    memory_loop,
+    onboard_of,
+)
 from sim_harness.mission import Mission, apply, find, leaf_keys, mission_of, read_toml, resolve
 from sim_harness.outcomes import NUMERICAL
 from sim_harness.summary import flight_facts
+from tools.campaign.profiles import F8, KEY, RATE_HZ, Profiler, speeds
 from tools.gains.body import fill_body
 from tools.gains.image import DESIGN_NAME
 from tools.gains.schema import Design, design_of, read_tree
@@ -158,9 +168,12 @@ class Flyer:
         return Flown(mission, raw, onboard_of(raw, label), True)
 
     def fly(self, run: Run) -> dict[str, Any]:
-        """One flight in memory: its scalars, with the run's number."""
+        """One flight in memory: its scalars, with the run's number and its profile over speed."""
+        profiler = Profiler()
         try:
-            return {"run": run.number, **flight_facts(self._flown(run))}
+            flight = self._flown(run, profiler)
+            facts = flight_facts(flight)
+            return {"run": run.number, **facts, KEY: profiler.profile(flight, self.speed_mps)}
         except (AeroshellError, ArithmeticError, ValueError) as error:
             # One flight that cannot be flown, or not told, must not end thousands.
             told = f"not flown: {error}"
@@ -170,10 +183,15 @@ class Flyer:
 
     def compiled(self) -> None:
         """Compile the flight loop, so that the first flight takes no longer than the others."""
-        run = self._aloft(Run(0, {}, 0, {}))
+        run = self._aloft(Run(0, {}, 0, {}), [])
         memory_loop(run, timed=False)[0](0)
 
-    def _aloft(self, run: Run) -> FlightRun:
+    @cached_property
+    def speed_mps(self) -> F8:
+        """The speeds at which profiles are kept."""
+        return speeds(self.mission({}, Path(self.job.mission_file).name))
+
+    def _aloft(self, run: Run, listeners: list[Listener]) -> FlightRun:
         what = self.prepared(run)
         plan = FlightPlan(
             mission=what.mission,
@@ -183,10 +201,12 @@ class Flyer:
             bus="memory",
             seed=run.seed,
             recorded=False,
+            truth_kept=bool(listeners),
+            truth_rate_hz=RATE_HZ,
         )
-        return FlightRun(plan, [], what.onboard)
+        return FlightRun(plan, listeners, what.onboard)
 
-    def _flown(self, run: Run) -> FlightRun:
-        flight = self._aloft(run)
+    def _flown(self, run: Run, profiler: Profiler) -> FlightRun:
+        flight = self._aloft(run, [profiler])
         fly_memory(flight, timed=False)
         return flight

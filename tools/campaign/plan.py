@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,6 +47,7 @@ class Plan(NamedTuple):
     identity: dict[str, Any]
     requirements: list[Requirement]
     title: str
+    command: str
 
     @property
     def n(self) -> int:
@@ -152,8 +154,19 @@ def plan_of(wanted: Wanted) -> Plan:
     varying_both = tuple(key for key in both if key in samples.keys)
     return Plan(
         job, samples, varying_both, identity_of(wanted, job, mission, samples, varying_both),
-        mission.requirements, mission.title,
+        mission.requirements, mission.title, command_of(wanted),
     )  # fmt: skip
+
+
+def command_of(wanted: Wanted) -> str:
+    """The command that flies the campaign, its folder left out."""
+    words = ["aeroshell", "campaign", wanted.mission, "--dispersions", wanted.dispersions]
+    words += ["-n", str(wanted.n), "--seed", str(wanted.seed)]
+    words += ["--law", wanted.law] if wanted.law else []
+    for setting in wanted.settings:
+        words += ["--set", setting]
+    words += ["--load", str(wanted.load)] if wanted.load else []
+    return shlex.join(words)
 
 
 def identity_of(

@@ -9,6 +9,7 @@ import fcntl
 import json
 import os
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
 from sim_harness.dispersions import Samples
+from tools.campaign.job import Flyer
 from tools.campaign.plan import Plan, decoded, encoded
+from tools.campaign.profiles import KEY, Spool
 from tools.gains.image import write_atomically
 
 MANIFEST = "campaign.json"
@@ -40,6 +43,7 @@ class Store:
         self.folder = folder
         self.plan = plan
         self._lock = self._locked()
+        self._spool = Spool(folder, Flyer(plan.job).speed_mps)
         try:
             self._adopt()
             self._journal = self._open_journal()
@@ -96,6 +100,8 @@ class Store:
             "identity": plan.identity,
             **more,
             "title": plan.title,
+            "command": plan.command,
+            "version": version("aeroshell"),
             "requirements": [r.model_dump() for r in plan.requirements],
             "told_to_both": list(plan.told_to_both),
             "job": encoded(
@@ -153,6 +159,7 @@ class Store:
 
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished flight: after this call it survives the process."""
+        self._spool.add(row["run"], row.pop(KEY, None))
         self._journal.seek(0, os.SEEK_END)
         offset = self._journal.tell()
         self._journal.write((json.dumps(row) + "\n").encode())
@@ -166,6 +173,7 @@ class Store:
 
     def finish(self) -> None:
         """Make results.parquet of the journal, in order of runs, a group of rows at a time."""
+        self._spool.finish(self.plan.n)
         schema = pa.schema([(key, kind_of(found)) for key, found in self._in_order()])
         temporary = self.folder / (RESULTS + ".new")
         with pq.ParquetWriter(temporary, schema) as writer:
@@ -190,6 +198,7 @@ class Store:
         """Let go of the folder."""
         if getattr(self, "_journal", None) is not None:
             self._journal.close()
+        self._spool.close()
         self._lock.close()
 
 
