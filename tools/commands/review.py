@@ -34,6 +34,7 @@ def review(
 ) -> None:
     """Show flights in Rerun: track, corridor, limits, commands, guidance, bus, events."""
     from flight_sw.errors import RecordingError
+    from tools.doing import Doing
     from tools.review.layout import TABS, blueprint
     from tools.review.review import draw, peak_s, plan
     from tools.review.source import open_flights
@@ -42,7 +43,7 @@ def review(
     if tab not in TABS:
         raise RecordingError(f"--tab {tab}: allowed are {', '.join(TABS)}")
     _check_outputs(save, screenshot, force)
-    with _Doing() as doing:
+    with Doing() as doing:
         doing("reading the recordings")
         found = open_flights([_recording_of(path) for path in flights])
         _tell_gaps(found)
@@ -125,24 +126,3 @@ def _tell_gaps(flights: "list[FlightData]") -> None:
             gaps.append(f"{recording.missing_minor_frames:,} minor frames are missing in it")
         for gap in gaps:
             sys.stderr.write(f"{recording.path}: {gap}\n")
-
-
-class _Doing:
-    """Says on a terminal what takes its time."""
-
-    def __enter__(self) -> "_Doing":
-        from rich.console import Console
-
-        self._status = Console(stderr=True).status("") if sys.stderr.isatty() else None
-        if self._status:
-            self._status.start()
-        return self
-
-    def __call__(self, text: str) -> None:
-        """Show what is done now."""
-        if self._status:
-            self._status.update(text)
-
-    def __exit__(self, *_: object) -> None:
-        if self._status:
-            self._status.stop()

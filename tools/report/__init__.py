@@ -1,0 +1,1 @@
+"""The report of campaigns: one file of HTML with everything in it."""
