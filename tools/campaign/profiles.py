@@ -28,15 +28,15 @@ PROFILES = "profiles.parquet"
 SPOOL = "profiles.bin"
 KEY = "profile"  # of a flown row, taken out before the row is kept
 SPEEDS = b"speed_mps"  # of the table's metadata
-KNOTS = 64
+KNOTS = 128
 RATE_HZ = 5.0  # of the truth that the knots are interpolated in
 HEAD_ROOM = 1.02  # a vehicle gains speed before it meets air
 SPEED_FLOOR = 0.02  # share of the entry speed, where the mission has no end speed
 GROUP_ROWS = 1024
 
 FIELDS = (
-    "t_s", "alt_m", "lat_rad", "heading_rad", "drag_mps2", "lift_mps2", "dynamic_pressure_pa",
-    "heat_flux_wpm2", "load_factor_g", "ground_range_m",
+    "alt_m", "lat_rad", "heading_rad", "drag_mps2", "lift_mps2", "dynamic_pressure_pa",
+    "heat_flux_wpm2", "load_factor_g",
 )  # fmt: skip
 """Of the truth record, and the columns of the table."""
 HEADING = "heading_rad"  # its jump from 180 to -180 deg is no value

@@ -9,14 +9,29 @@ import numpy as np
 from flight_sw.errors import AeroshellError
 from sim_harness.mission import Mission
 from tools.campaign.profiles import Profiles
-from tools.report.drawing import INK, LIMIT, colour, figure, image, limit_line, style
+from tools.report.drawing import INK, LIMIT, colour, figure, image, limit_line, off_panel, style
 from tools.report.source import Source
 from tools.report.statistics import F8, band
 from tools.report.words import number
-from tools.review.corridor import EQUILIBRIUM, Corridor, Flown, PathLimits, corridor
+from tools.review.corridor import (
+    DYNAMIC_PRESSURE,
+    EQUILIBRIUM,
+    HEAT_FLUX,
+    LOAD_FACTOR,
+    Corridor,
+    Flown,
+    PathLimits,
+    corridor,
+)
 
 LOW, MEDIAN, HIGH = 1, 2, 3  # rows of a band
 HEAD_ROOM = 1.25  # of a panel above what was flown; limits far above it are named in its title
+DASHES: dict[str, Any] = {
+    HEAT_FLUX: (0, (5, 2)),
+    LOAD_FACTOR: (0, (1, 1.2)),
+    DYNAMIC_PRESSURE: (0, (8, 2, 1, 2)),
+    EQUILIBRIUM: "-.",
+}
 
 
 class Panel(NamedTuple):
@@ -94,13 +109,12 @@ def _bands(axes: Any, panel: Panel, sources: Sequence[Source]) -> float:
 
 def _corridor_lines(axes: Any, lines: dict[str, F8], x: F8, factor: float, top: float) -> None:
     """Limits over speed, each named where it is in sight."""
-    dashes = ((0, (5, 2)), (0, (1, 1.2)), "-.", (0, (8, 2, 1, 2)))
-    for k, (name, line) in enumerate(lines.items()):
+    for name, line in lines.items():
         y = line * factor
         seen = np.isfinite(y) & (y < 1.3 * top)
         if seen.any():
             shade = INK if name == EQUILIBRIUM else LIMIT
-            axes.plot(x, y, color=shade, linestyle=dashes[k % 4], linewidth=1.2, label=name)
+            axes.plot(x, y, color=shade, linestyle=DASHES[name], linewidth=1.2, label=name)
 
 
 def _named_limit(axes: Any, panel: Panel, source: Source, top: float) -> None:
@@ -115,9 +129,7 @@ def _named_limit(axes: Any, panel: Panel, source: Source, top: float) -> None:
     elif panel.limit <= 2.0 * top:
         limit_line(axes, panel.limit, f"limit {number(panel.limit)}", upright=False)
     elif math.isfinite(panel.limit):
-        axes.set_title(
-            f"limit {number(panel.limit)}, above", fontsize=7.5, color=LIMIT, loc="right"
-        )
+        off_panel(axes, f"limit {number(panel.limit)}, above")
 
 
 def draw(sources: Sequence[Source], mission: Mission | None) -> str | None:

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tools.report.words import number
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#B38600", "#444444")
 """Okabe and Ito's, in an order that tells neighbours apart in grey too."""
 STYLES = ("-", "--", "-.", ":")
@@ -15,6 +13,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 LIMIT = "#A00000"
 GRID = "#d8dce0"
 INK = "#20262c"
+BACKED = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
 WIDTH_IN = 10.6
 SETTINGS: Any = {
     "font.family": "sans-serif",
@@ -86,16 +85,18 @@ def limit_line(axes: Any, value: float, text: str, *, upright: bool) -> None:
     else:
         axes.annotate(
             text, (0.015, value), xycoords=("axes fraction", "data"), xytext=(0, 3),
-            textcoords="offset points", fontsize=7.5, color=LIMIT,
+            textcoords="offset points", fontsize=7.5, color=LIMIT, bbox=BACKED,
         )  # fmt: skip
+
+
+def off_panel(axes: Any, text: str) -> None:
+    """Say of a limit that lies outside the panel."""
+    axes.annotate(
+        text, (0.99, 0.99), xycoords="axes fraction", ha="right", va="top", fontsize=7.5,
+        color=LIMIT,
+    )  # fmt: skip
 
 
 def blank(axes: Any) -> None:
     """A place in the grid that has no panel."""
     axes.set_visible(False)
-
-
-def bound_text(low: float | None, high: float | None) -> str:
-    """The bound of a requirement beside its line."""
-    return " ".join([*([f"≥ {number(low)}"] if low is not None else []),
-                     *([f"≤ {number(high)}"] if high is not None else [])])  # fmt: skip

@@ -11,13 +11,13 @@ from sim_harness.outcomes import CLASSES, NOMINAL
 from tools.report.drawing import (
     COLOURS,
     INK,
-    LIMIT,
     MARKERS,
     blank,
     colour,
     figure,
     image,
     limit_line,
+    off_panel,
     style,
 )
 from tools.report.source import Source
@@ -25,6 +25,7 @@ from tools.report.statistics import F8, Sensitivity, distribution
 from tools.report.words import Name, key_name, number
 
 COLUMNS = 3
+SHARES = ((0.05, 0.25, 0.5, 0.75, 0.95), ("5 %", "25 %", "50 %", "75 %", "95 %"))
 PANEL_IN = 2.35
 BARS_MAX = 10  # dispersed keys in one panel, those that matter most
 MARKED_MAX = 3000  # flights drawn as vector points; more are drawn as pixels
@@ -78,10 +79,10 @@ def distributions(sources: Sequence[Source], plotted: Sequence[Plotted]) -> str:
                 if whole and _near(value, np.concatenate(whole)):
                     limit_line(axes, value, text, upright=True)
                 else:
-                    axes.set_title(f"{text}, off the panel", fontsize=7.5, color=LIMIT, loc="right")
+                    off_panel(axes, f"{text}, off the panel")
             axes.set_xlabel(what.name.label)
             axes.set_ylim(-0.02, 1.02)
-            axes.set_yticks((0.0, 0.05, 0.5, 0.95, 1.0), ("0", "5 %", "50 %", "95 %", "1"))
+            axes.set_yticks(*SHARES)
         for axes in grid.flat[len(plotted) :]:
             blank(axes)
         for axes in grid[:, 0]:
@@ -108,7 +109,7 @@ def differences(sources: Sequence[Source], plotted: Sequence[Plotted]) -> str:
             unit = f", {what.name.unit}" if what.name.unit else ""
             axes.set_xlabel(f"Δ {what.name.title}{unit}")
             axes.set_ylim(-0.02, 1.02)
-            axes.set_yticks((0.0, 0.05, 0.5, 0.95, 1.0), ("0", "5 %", "50 %", "95 %", "1"))
+            axes.set_yticks(*SHARES)
         for axes in grid.flat[len(plotted) :]:
             blank(axes)
         for axes in grid[:, 0]:

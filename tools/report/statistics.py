@@ -12,6 +12,8 @@ F8 = npt.NDArray[np.float64]
 
 LEVELS = (0.0, 0.05, 0.5, 0.95, 1.0)
 CONFIDENCE = 0.9  # of an interval shown for a median or a coefficient
+ROUND_OFF = 1e-9  # of a metric in its unit, or of its largest value
+SAME = 1e-6  # standard deviations
 SPARE = 3  # flights beyond the unknowns of a regression, at least
 BAND = (0.0, 0.05, 0.5, 0.95, 1.0)
 THERE_MIN = 0.5  # share of the flights that must have been at a speed for a band there
@@ -80,7 +82,16 @@ def spread_of(values: F8) -> Spread | None:
 def varies(values: F8) -> bool:
     """Whether two flights differ by more than round-off."""
     told = finite(values)
-    return len(told) > 1 and float(np.ptp(told)) > 1e-12 * max(float(np.max(np.abs(told))), 1e-300)
+    return len(told) > 1 and float(np.ptp(told)) > ROUND_OFF * max(float(np.max(np.abs(told))), 1.0)
+
+
+def says_the_same(values: F8, other: F8) -> bool:
+    """Whether one metric is nothing but a scale of another, flight by flight."""
+    there = np.isfinite(values)
+    if not np.array_equal(there, np.isfinite(other)) or not (varies(values) and varies(other)):
+        return False
+    a, b = _standard(values[there]), _standard(other[there])
+    return bool(np.max(np.abs(a - b)) < SAME)
 
 
 def _standard(values: F8) -> F8:

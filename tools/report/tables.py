@@ -14,6 +14,7 @@ from tools.report.statistics import (
     CONFIDENCE,
     Spread,
     paired,
+    says_the_same,
     spread_of,
     varies,
 )
@@ -40,7 +41,17 @@ def main_metrics(sources: Sequence[Source], varying: Sequence[str]) -> list[Name
     """What is plotted: what is required first, then what `fly` shows; only what varies."""
     required = [r.metric for source in sources for r in source.requirements()]
     wanted = dict.fromkeys([*required, *(key for _, key, _ in ROWS)])
-    return [name_of(key) for key in wanted if key in varying]
+    found: list[str] = []
+    for key in wanted:
+        again = (_says_the_same(sources, key, other) for other in found)
+        if key in varying and not any(again):
+            found.append(key)
+    return [name_of(key) for key in found]
+
+
+def _says_the_same(sources: Sequence[Source], key: str, other: str) -> bool:
+    """Whether a metric only scales another in every campaign, as a peak its ratio to a limit."""
+    return all(says_the_same(source.values(key), source.values(other)) for source in sources)
 
 
 def varying_metrics(sources: Sequence[Source]) -> list[str]:
@@ -119,8 +130,7 @@ def _requirement_row(verdict: Verdict) -> dict[str, str]:
         "title": verdict.title,
         "metric": name.label,
         "bound": verdict.bound.replace("<=", "≤").replace(">=", "≥"),
-        "required": percent(verdict.probability),
-        "confidence": percent(verdict.confidence),
+        "required": f"{100.0 * verdict.probability:.8g} % at {100.0 * verdict.confidence:.6g} %",
         "failures": f"{verdict.failures:,} of {verdict.flights:,}",
         "shown": percent(verdict.shown_probability),
         "quantile": shown or "too few flights",
@@ -142,7 +152,7 @@ def verdict_text(source: Source) -> tuple[str, str]:
         told, kind = f"all {len(verdicts)} requirements are met", "met"
     else:
         parts = [f"{n} {name}" for name, n in counted.items() if n]
-        told = f"of {len(verdicts)} requirements {', '.join(parts)}"
+        told = f"{len(verdicts)} requirements: {', '.join(parts)}"
         kind = "not-met" if counted["not met"] else "undecided"
     return told, kind
 
@@ -210,9 +220,10 @@ def worst_by_requirement(source: Source) -> list[tuple[str, list[Worst]]]:
 def extremes(source: Source, names: Sequence[Name]) -> list[tuple[str, list[Worst]]]:
     """The least and the greatest of each metric."""
     found = []
+    required = {requirement.metric for requirement in source.requirements()}
     for name in names:
         values = source.values(name.key)
-        if not varies(values):
+        if not varies(values) or name.key in required:
             continue
         places = (int(np.nanargmin(values)), int(np.nanargmax(values)))
         rows = [_worst(source, w, name, p) for w, p in zip(EXTREMES, places, strict=True)]
