@@ -79,6 +79,8 @@ def check_bus(bus: str, factor: float, synchronisation: str, *, external_compute
 def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
 
+    from sim_harness.mission import differences
+
     plan = run.plan
     return {
         "project": "aeroshell",
@@ -88,6 +90,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "bus": plan.bus,
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
+        "overrides": json.dumps(differences(plan.mission)),
         "command_line": " ".join(sys.argv),
     }
 
@@ -96,10 +99,14 @@ def _attachments(run: "FlightRun") -> dict[str, tuple[str, bytes]]:
     from flight_sw import icd
 
     mission = run.plan.mission.path
+    tables = {}
+    if csv := getattr(run.plan.mission.atmosphere, "csv", None):
+        tables[csv] = ("text/csv", (mission.parent / csv).read_bytes())
     return {
         icd.DBC_PATH.name: ("text/plain", icd.DBC_PATH.read_bytes()),
         mission.name: ("application/toml", mission.read_bytes()),
         f"{run.image.law}.load": ("application/octet-stream", run.plan.load_image),
+        **tables,
     }
 
 
