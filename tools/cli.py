@@ -11,7 +11,7 @@ from typing import NoReturn
 import typer
 
 from flight_sw.errors import AeroshellError
-from tools.commands import bench, bus, export, fly, gains, info, missions, timing
+from tools.commands import bench, bus, export, fly, gains, info, missions, replay, timing
 
 REFUSED = 1
 INTERRUPTED = 130
@@ -28,6 +28,7 @@ app.command()(missions.missions)
 app.command()(gains.gains)
 app.command()(info.info)
 app.command()(export.export)
+app.command()(replay.replay)
 app.command()(timing.timing)
 app.add_typer(bench.app, name="bench")
 app.add_typer(bus.app, name="bus")

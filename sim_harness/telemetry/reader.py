@@ -5,6 +5,7 @@ is false. A wrong checksum anywhere else than at the torn end of such a file is 
 """
 
 import functools
+import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -13,7 +14,8 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.errors import RecordingError
-from sim_harness.telemetry.decode import NO_SLOT, Decoder, messages_of
+from sim_harness.telemetry import unpack
+from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
 from sim_harness.telemetry.schema import log_schema, message_class, record_dtype
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
@@ -31,6 +33,7 @@ from sim_harness.telemetry.writer import (
 Rows = npt.NDArray[np.void]
 F8 = npt.NDArray[np.float64]
 I8 = npt.NDArray[np.int64]
+U1 = npt.NDArray[np.uint8]
 
 NS_PER_S = 1_000_000_000
 DBC_SUFFIX = ".dbc"
@@ -55,6 +58,13 @@ def open_recording(path: Path | str) -> "Recording":
     if written != FORMAT:
         raise RecordingError(f"{path.name}: format is {written}, this reader knows {FORMAT}")
     return Recording(path, contents)
+
+
+def load_kernels() -> None:
+    """Compile, or read from the cache, what reading a recording needs."""
+    unpack.load_kernels()
+    decoder = decoder_of(icd.DBC_PATH.read_bytes())
+    decoder.values(decoder.slots(np.zeros(0, BUS_LOG)), np.zeros(0, np.uint64))
 
 
 class Recording:
@@ -95,12 +105,24 @@ class Recording:
     @functools.cached_property
     def decoder(self) -> Decoder:
         """Reads this recording's frames, through the DBC that came with it."""
-        return Decoder(messages_of(self.attachment(DBC_SUFFIX)))
+        return decoder_of(self.attachment(DBC_SUFFIX))
 
     @property
     def has_our_dbc(self) -> bool:
         """Whether it was recorded with the DBC of this version."""
         return self.attachment(DBC_SUFFIX) == icd.DBC_PATH.read_bytes()
+
+    @property
+    def dbc_sha256(self) -> tuple[str, str]:
+        """Hashes of the DBC that came with it, and of this version's."""
+        theirs = hashlib.sha256(self.attachment(DBC_SUFFIX)).hexdigest()
+        return theirs, icd.DBC_SHA256
+
+    @property
+    def period_s(self) -> float | None:
+        """The minor frame; None where the manifest does not tell."""
+        told = self.manifest.get("period_s")
+        return float(told) if told else None
 
     @property
     def until_s(self) -> float:
@@ -150,13 +172,25 @@ class Recording:
         return lines
 
     @functools.cached_property
-    def _slots(self) -> I8:
+    def rows_before_gap(self) -> int:
+        """Frames in front of the first minor frame that is missing; all if none is."""
+        topic = self._topic(FRAMES_TOPIC)
+        numbers = topic.sequences()
+        lost = np.flatnonzero(numbers != np.arange(len(numbers)))
+        if not len(lost):
+            return len(self.bus)
+        counts = [_frame_counts(*piece) for piece in topic.pieces]
+        return int(np.concatenate(counts)[: int(lost[0])].sum())
+
+    @functools.cached_property
+    def slots(self) -> I8:
+        """The message in each frame of the bus; NO_SLOT for one of no known form."""
         return self.decoder.slots(self.bus)
 
     @property
     def frames_not_decoded(self) -> int:
         """Frames with an unknown identifier, a wrong length or a wrong checksum."""
-        return int(np.count_nonzero(self._slots == NO_SLOT))
+        return int(np.count_nonzero(self.slots == NO_SLOT))
 
     def value_names(self, message: str) -> dict[str, dict[int, str]]:
         """What the values of a message's enumerations are called, by signal."""
@@ -166,11 +200,21 @@ class Recording:
     def message(self, name: str) -> tuple[F8, dict[str, F8 | I8]]:
         """Every good frame of a CAN message: mission times, and values by signal."""
         slot = self.decoder.slot(name)
-        rows = self.bus[self._slots == slot]
+        rows = self.bus[self.slots == slot]
         return rows["t_s"], self.decoder.columns(slot, rows["frame"]["data"])
 
     def _topic(self, name: str) -> Topic:
         return self._contents.topics.get(name) or Topic(None, [])
+
+
+def _bodies(octets: U1, starts: I8) -> I8:
+    """How far into each aeroshell.CanFrames message its frames begin: their length is a varint."""
+    return HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
+
+
+def _frame_counts(blob: bytes, starts: I8, sizes: I8) -> I8:
+    """Frames in each message."""
+    return (sizes - _bodies(np.frombuffer(blob, np.uint8), starts)) // BUS_LOG["frame"].itemsize
 
 
 def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
@@ -178,11 +222,9 @@ def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
     octets = np.frombuffer(blob, np.uint8)
     times = starts[:, None] + np.arange(HEAD_BYTES + 1, HEAD_BYTES + 1 + WORD_BYTES)
     t_s = octets[times].view(np.float64)[:, 0]
-    bodies = HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
-    spans = zip((starts + bodies).tolist(), (starts + sizes).tolist(), strict=True)
+    spans = zip((starts + _bodies(octets, starts)).tolist(), (starts + sizes).tolist(), strict=True)
     frames = b"".join([blob[a:b] for a, b in spans])
-    frame = BUS_LOG["frame"]
-    rows = np.zeros(len(frames) // frame.itemsize, BUS_LOG)
-    rows["frame"] = np.frombuffer(frames, frame)
-    rows["t_s"] = np.repeat(t_s, (sizes - bodies) // frame.itemsize)
+    rows = np.zeros(len(frames) // BUS_LOG["frame"].itemsize, BUS_LOG)
+    rows["frame"] = np.frombuffer(frames, BUS_LOG["frame"])
+    rows["t_s"] = np.repeat(t_s, _frame_counts(blob, starts, sizes))
     return rows
