@@ -34,7 +34,7 @@ AERO_TABLE = RecordSpec(
 
 HEATING = RecordSpec(
     "heating",
-    Field("coefficient", 1e-12, 1e12, "k in q = k rho^m V^n, W/m2 with SI inputs"),
+    Field("coefficient", 0.0, 1e12, "k in q = k rho^m V^n, W/m2 with SI inputs; 0: no heating"),
     Field("rho_exponent", 0.1, 2.0, "m"),
     Field("v_exponent", 1.0, 6.0, "n"),
 )

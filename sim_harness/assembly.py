@@ -14,6 +14,7 @@ from sim_harness.mission_keys import (
     Axis,
     ConstantAerodynamics,
     ExponentialAtmosphere,
+    Heating,
     NewtonianAerodynamics,
     TableAtmosphere,
     Us76Atmosphere,
@@ -43,16 +44,7 @@ def world_record(mission: "Mission") -> np.ndarray:
         planet.g0_mps2,
     )
     fill_aerodynamics(world["aerodynamics"], mission)
-    heating = mission.heating
-    factor = heating_factor(
-        heating.coefficient,
-        heating.nose_radius_m,
-        heating.density_ref_kgpm3,
-        heating.speed_ref_mps,
-        heating.density_exponent,
-        heating.speed_exponent,
-    )
-    world["heating"] = (factor, heating.density_exponent, heating.speed_exponent)
+    world["heating"] = heating_row(mission.heating)
     world["bank"] = actuator_row(mission.actuators.bank, mission.dt_s)
     world["alpha"] = actuator_row(mission.actuators.alpha, mission.dt_s)
     end = mission.end
@@ -67,10 +59,26 @@ def world_record(mission: "Mission") -> np.ndarray:
     return world
 
 
+def heating_row(heating: Heating | None) -> tuple[float, float, float]:
+    """A HEATING record's values; a mission without heating has a flux of zero."""
+    if heating is None:
+        return 0.0, 0.5, 3.0
+    factor = heating_factor(
+        heating.coefficient,
+        heating.nose_radius_m,
+        heating.density_ref_kgpm3,
+        heating.speed_ref_mps,
+        heating.density_exponent,
+        heating.speed_exponent,
+    )
+    return factor, heating.density_exponent, heating.speed_exponent
+
+
 def fill_aerodynamics(record: np.ndarray, mission: "Mission") -> None:
     """Writes mass, area and the chosen model."""
     record["mass_kg"] = mission.vehicle.mass_kg
     record["area_m2"] = mission.vehicle.reference_area_m2
+    record["side_lift_ratio"] = mission.vehicle.side_lift_ratio
     model = mission.vehicle.aerodynamics
     if isinstance(model, ConstantAerodynamics):
         record["model"] = records.AERO_CONSTANT

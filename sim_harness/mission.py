@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
-from sim_harness.mission_errors import chosen, nearest, sections_of, sentence
+from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
+from sim_harness.mission_errors import chosen, item_of, nearest, sections_of, sentence
 from sim_harness.mission_keys import (
     Actuators,
     End,
@@ -21,6 +22,7 @@ from sim_harness.mission_keys import (
     Navigation,
     Planet,
     TableAtmosphere,
+    Target,
     Us76Atmosphere,
     Vehicle,
 )
@@ -44,13 +46,17 @@ class Mission(Section):
         ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
     ]
     vehicle: Vehicle
-    heating: Heating
+    heating: Heating | None = None
     entry: Entry
-    limits: Limits
+    target: Target | None = None
+    limits: Limits = Limits()
     end: End = End()
     actuators: Actuators = Actuators()
     navigation: Navigation = Navigation()
     guidance: Guidance
+    dispersions: dict[str, Dispersions] = Field(default={})
+    judgement: Judgement = Judgement()
+    requirements: list[Requirement] = Field(default=[])
 
     _path: Path = PrivateAttr(default=Path("mission.toml"))
 
@@ -128,6 +134,13 @@ def load_mission(
     if overrides:
         apply(raw, overrides)
         label = f"{path.name} with overrides"
+    return mission_of(raw, path, label)
+
+
+def mission_of(raw: dict[str, Any], path: Path, label: str) -> Mission:
+    """The mission that a file's tables state; `label` is what a refusal calls them."""
+    if "dispersions" in raw:
+        raw = {**raw, "dispersions": grouped(raw["dispersions"])}
     try:
         mission = Mission.model_validate(raw)
     except ValidationError as error:
@@ -174,6 +187,8 @@ def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
     for key, field in section.model_fields.items():
         dotted = prefix + key
         below = raw.get(key) if isinstance(raw, dict) else None
+        if sections_of(item_of(field.annotation)):
+            continue
         if not sections_of(field.annotation):
             keys.append(dotted)
         elif (inner := chosen(field.annotation, below)) is not None:

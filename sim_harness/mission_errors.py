@@ -35,6 +35,13 @@ def sections_of(annotation: Any) -> list[type[Section]]:
     return []
 
 
+def item_of(annotation: Any) -> Any:
+    """What a list, or a table of tables by free names, holds; None for anything else."""
+    if get_origin(annotation) is dict:
+        return get_args(annotation)[1]
+    return get_args(annotation)[0] if get_origin(annotation) is list else None
+
+
 def tag_of(section: type[BaseModel]) -> str:
     """The model name that selects a section out of several."""
     return str(get_args(section.model_fields[TAG].annotation)[0])
@@ -49,30 +56,63 @@ def chosen(annotation: Any, raw: Any) -> type[Section] | None:
     return next((option for option in options if tag_of(option) == tag), None)
 
 
-def section_at(root: type[BaseModel], raw: Any, path: tuple[str, ...]) -> type[BaseModel] | None:
-    """The section class a dotted path leads to."""
-    section: type[BaseModel] | None = root
+def annotation_at(root: type[BaseModel], raw: Any, path: tuple[int | str, ...]) -> Any:
+    """What a path of keys leads to: a section with the choice the file makes, or anything else."""
+    found: Any = root
     for key in path:
-        if section is None or key not in section.model_fields:
-            return None
-        raw = raw.get(key) if isinstance(raw, dict) else None
-        section = chosen(section.model_fields[key].annotation, raw)
-    return section
+        if isinstance(found, type) and issubclass(found, BaseModel):
+            field = found.model_fields.get(str(key))
+            found = field.annotation if field else None
+        else:
+            found = item_of(found)
+        listed = isinstance(raw, list) and isinstance(key, int) and key < len(raw)
+        raw = raw.get(key) if isinstance(raw, dict) else raw[key] if listed else None
+        if sections_of(found):
+            found = chosen(found, raw)
+    return found
 
 
-def without_tags(root: type[BaseModel], loc: tuple[int | str, ...], raw: Any) -> tuple[str, ...]:
+def section_at(
+    root: type[BaseModel], raw: Any, path: tuple[int | str, ...]
+) -> type[BaseModel] | None:
+    """The section class a path of keys leads to."""
+    found = annotation_at(root, raw, path)
+    return found if isinstance(found, type) and issubclass(found, BaseModel) else None
+
+
+def options_at(root: type[BaseModel], raw: Any, path: tuple[int | str, ...]) -> list[type[Section]]:
+    """The sections that the file may choose from at a path of keys."""
+    found = annotation_at(root, raw, path[:-1])
+    if isinstance(found, type) and issubclass(found, BaseModel):
+        field = found.model_fields.get(str(path[-1]))
+        return sections_of(field.annotation) if field else []
+    return sections_of(item_of(found))
+
+
+def without_tags(
+    root: type[BaseModel], loc: tuple[int | str, ...], raw: Any
+) -> tuple[int | str, ...]:
     """Path of keys of an error, without the model names pydantic inserts after a choice."""
-    path: list[str] = []
+    path: list[int | str] = []
     was_choice = False
     for item in loc:
         if was_choice:
             was_choice = False
             continue
-        parent = section_at(root, raw, tuple(path))
-        path.append(str(item))
-        field = parent.model_fields.get(str(item)) if parent else None
-        was_choice = field is not None and len(sections_of(field.annotation)) > 1
+        path.append(item)
+        was_choice = len(options_at(root, raw, tuple(path))) > 1
     return tuple(path)
+
+
+def written(path: tuple[int | str, ...]) -> str:
+    """A path of keys as the file writes it: list items counted from 1, no `keys` of a set."""
+    text = ""
+    for i, key in enumerate(path):
+        if isinstance(key, int):
+            text += f" {key + 1}"
+        elif not (key == "keys" and i == 2 and path[0] == "dispersions" and len(path) > 3):
+            text += f".{key}" if text else key
+    return text
 
 
 def allowed_of(section: type[BaseModel] | None, key: str) -> str:
@@ -90,12 +130,21 @@ def allowed_of(section: type[BaseModel] | None, key: str) -> str:
     return "a text"
 
 
+def shape_of(error: ErrorDetails) -> str:
+    """What is allowed where the kind of thing is wrong, empty for a wrong value."""
+    if error["type"] in ("model_type", "dict_type", "model_attributes_type"):
+        return "a table"
+    if error["type"] == "too_short":
+        return f"{error['ctx']['min_length']} or more entries"
+    return "a list" if error["type"] == "list_type" else ""
+
+
 def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
     """One error in words: key, what is, what is allowed."""
     path = without_tags(root, error["loc"], raw)
-    where = ".".join(path)
+    where = written(path)
     parent = section_at(root, raw, path[:-1])
-    key = path[-1] if path else ""
+    key = str(path[-1]) if path else ""
     match error["type"]:
         case "refused":
             return f"{where}{'' if error['msg'].startswith('.') else ' '}{error['msg']}".strip()
@@ -105,11 +154,12 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
             known = list(parent.model_fields) if parent else []
             return f"{where} is not a known key{nearest(key, known)}; allowed {', '.join(known)}"
         case "union_tag_invalid" | "union_tag_not_found":
-            options = sections_of(parent.model_fields[key].annotation) if parent else []
+            options = options_at(root, raw, path)
             tags = ", ".join(tag_of(option) for option in options)
             found = error["input"].get(TAG) if isinstance(error["input"], dict) else error["input"]
             state = "missing" if found is None else plain(found)
             hint = nearest(str(found), tags.split(", "))
             return f"{where}.{TAG} is {state}{hint}; allowed {tags}"
         case _:
-            return f"{where} is {plain(error['input'])}, allowed {allowed_of(parent, key)}"
+            allowed = shape_of(error) or allowed_of(parent, key)
+            return f"{where} is {plain(error['input'])}, allowed {allowed}"

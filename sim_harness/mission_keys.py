@@ -159,6 +159,10 @@ class Vehicle(Section):
     reference_area_m2: Annotated[
         float, Quantity("m2", 1e-6, 1e5, "area that the coefficients refer to")
     ]
+    side_lift_ratio: Annotated[
+        float,
+        Quantity("-", 0.0, 1.0, "share of the lift's sideways part that acts; 0: stays in plane"),
+    ] = 1.0
     aerodynamics: Annotated[
         ConstantAerodynamics | NewtonianAerodynamics | TableAerodynamics,
         Field(discriminator="model"),
@@ -199,9 +203,22 @@ class Entry(Section):
 class Limits(Section):
     """Path constraints: what guidance is asked to keep and the summary judges."""
 
-    heat_flux_max_kwpm2: Annotated[float, Quantity("kW/m2", 1.0, 1e6, "stagnation point")]
-    load_factor_max_g: Annotated[float, Quantity("g", 0.1, 1000.0, "in units of g0_mps2")]
+    heat_flux_max_kwpm2: Annotated[
+        float, Quantity("kW/m2", 1.0, INF, "stagnation point; inf: none")
+    ] = INF
+    load_factor_max_g: Annotated[
+        float, Quantity("g", 0.1, INF, "in units of g0_mps2; inf: none")
+    ] = INF
     dynamic_pressure_max_kpa: Annotated[float, Quantity("kPa", 0.01, INF, "inf: none")] = INF
+
+
+class Target(Section):
+    """Where and how fast the flight shall end; without this table no terminal errors are told."""
+
+    longitude_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "positive to the east")]
+    latitude_deg: Annotated[float, Quantity("deg", -90.0, 90.0, "geocentric")]
+    altitude_km: Annotated[float, Quantity("km", -50.0, 1000.0, "above the sphere of radius_km")]
+    speed_mps: Annotated[float, Quantity("m/s", 0.0, 50000.0, "relative speed")]
 
 
 class End(Section):

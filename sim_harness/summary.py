@@ -5,7 +5,10 @@ import math
 from typing import Any
 
 from flight_sw.can.receiver import LOST, OK, VERDICTS
+from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
+from sim_harness.outcomes import outcome_class
+from sim_harness.terminal import told
 
 TIMING_KEY = "timing"  # of a recording's results
 NOT_REJECTED = {VERDICTS[OK], VERDICTS[LOST]}
@@ -53,63 +56,133 @@ def results_of(run: FlightRun) -> dict[str, str]:
     kept = {key: getattr(run.plan, key) for key in ("bus", "synchronisation")}
     frames = int(run.harness["truth"]["minor_frames"][0])
     period_s = run.plan.mission.dt_s
-    told = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
-    return {TIMING_KEY: json.dumps(told)}
+    results = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
+    return {TIMING_KEY: json.dumps(results)}
+
+
+def ratio(value: float, limit: float) -> float | None:
+    """Share of a limit that was reached; None where there is no limit."""
+    return float(value) / float(limit) if math.isfinite(limit) else None
+
+
+def heating_of(run: FlightRun) -> dict[str, float | None]:
+    """Heat load and fluxes: null for a mission without heating, the error null without a limit."""
+    truth, metrics = run.harness[0]["truth"], run.harness[0]["metrics"]
+    peak_wpm2, limit_wpm2 = float(truth["heat_flux_max_wpm2"]), metrics["heat_flux_limit_wpm2"]
+    before_wpm2 = float(metrics["heat_flux_max_before_wpm2"])
+    after_wpm2 = float(metrics["heat_flux_max_after_wpm2"])
+    values = {
+        "heat_load_mjpm2": float(truth["heat_load_jpm2"]) / 1e6,
+        "heat_flux_max_kwpm2": peak_wpm2 / 1e3,
+        "heat_flux_max_before_activation_kwpm2": before_wpm2 / 1e3,
+        "heat_flux_max_after_activation_kwpm2": after_wpm2 / 1e3,
+        "heat_flux_max_ratio": ratio(peak_wpm2, limit_wpm2),
+        "heat_flux_max_after_activation_ratio": ratio(after_wpm2, limit_wpm2),
+        "heat_flux_error_mjpm2": float(metrics["heat_flux_error_jpm2"]) / 1e6,
+        "heat_flux_over_s": float(metrics["heat_flux_over_s"]),
+    }
+    untold = () if run.plan.mission.heating else tuple(values)
+    if not math.isfinite(limit_wpm2):
+        untold += ("heat_flux_error_mjpm2",)
+    return {key: None if key in untold else value for key, value in values.items()}
+
+
+def bank_step_rms_deg(metrics: Record) -> float:
+    """Root mean square of the bank command's change from one frame to the next while tracking."""
+    steps = int(metrics["bank_steps"])
+    return math.degrees(math.sqrt(float(metrics["bank_step_sq_rad2"]) / steps)) if steps else 0.0
+
+
+def loads_of(run: FlightRun) -> dict[str, float | None]:
+    """Load factor and dynamic pressure: peaks, ratios to their limits, time over them."""
+    truth, metrics = run.harness[0]["truth"], run.harness[0]["metrics"]
+    load_g, pressure_pa = truth["load_factor_max_g"], truth["dynamic_pressure_max_pa"]
+    return {
+        "load_factor_max_g": float(load_g),
+        "dynamic_pressure_max_kpa": float(pressure_pa) / 1e3,
+        "load_factor_max_ratio": ratio(load_g, metrics["load_factor_limit_g"]),
+        "dynamic_pressure_max_ratio": ratio(pressure_pa, metrics["dynamic_pressure_limit_pa"]),
+        "load_factor_over_s": float(metrics["load_factor_over_s"]),
+        "load_factor_over_gs": float(metrics["load_factor_over_gs"]),
+        "dynamic_pressure_over_s": float(metrics["dynamic_pressure_over_s"]),
+    }
+
+
+def effort_facts(run: FlightRun) -> dict[str, Any]:
+    """What the guidance spent."""
+    metrics = run.harness["metrics"][0]
+    return {
+        "bank_effort_degs": math.degrees(float(metrics["bank_effort_rads"])),
+        "bank_step_rms_deg": bank_step_rms_deg(metrics),
+        "bank_travel_deg": math.degrees(float(metrics["bank_travel_rad"])),
+        "bank_reversals": int(metrics["bank_reversals"]),
+        "tracking_time_s": float(metrics["tracking_time_s"]),
+        "bank_saturated_s": float(metrics["bank_saturated_s"]),
+        "alpha_saturated_s": float(metrics["alpha_saturated_s"]),
+        "without_fix_s": float(metrics["without_fix_s"]),
+    }
+
+
+def frame_facts(run: FlightRun) -> dict[str, Any]:
+    """What went over the bus and what was refused."""
+    port = run.harness["port"][0]
+    by_computer = rejected(run.computer["verdicts"]) if "verdicts" in run.computer else {}
+    by_harness = rejected(verdicts(port["rx"]["counted"]))
+    return {
+        "minor_frames": int(run.harness["truth"]["minor_frames"][0]),
+        "period_s": run.plan.mission.dt_s,
+        "frames_sent": int(port["frames_sent"]),
+        "frames_received": int(port["frames_received"]),
+        "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
+        "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
+        "command_sha256": run.command_sha256,
+        "load_crc32": f"0x{run.image.crc32:08x}",
+    }
+
+
+def flight_facts(run: FlightRun) -> dict[str, Any]:
+    """The scalars of a finished flight: the same on every bus, and a campaign's row."""
+    truth = run.harness["truth"][0]
+    facts = {
+        "mission": run.plan.mission.name,
+        "law": run.image.law,
+        "seed": run.plan.seed,
+        "outcome": run.outcome_text,
+        "flight_time_s": float(truth["t_s"]),
+        "ground_range_km": float(truth["ground_range_m"]) / 1e3,
+        **told(run.plan.mission, run.harness["world"][0], truth, run.outcome),
+        **heating_of(run),
+        **loads_of(run),
+        **effort_facts(run),
+        "final_altitude_km": float(truth["alt_m"]) / 1e3,
+        "final_speed_mps": float(truth["v_rel_mps"]),
+        "final_longitude_deg": math.degrees(float(truth["lon_rad"])),
+        "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
+        **frame_facts(run),
+    }
+    return {**facts, "outcome_class": outcome_class(facts, run.plan.mission.judgement)}
 
 
 def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
-    truth, metrics, port = harness["truth"], harness["metrics"], harness["port"]
-    told = "verdicts" in run.computer
-    by_computer = rejected(run.computer["verdicts"]) if told else None
-    by_harness = rejected(verdicts(port["rx"]["counted"]))
-    flight_time_s = float(truth["t_s"])
+    port = harness["port"]
+    reported = "verdicts" in run.computer
+    facts = flight_facts(run)
     return {
-        "mission": run.plan.mission.name,
-        "law": run.image.law,
+        **facts,
         "bus": run.plan.bus,
         "synchronisation": run.plan.synchronisation,
-        "seed": run.plan.seed,
-        "outcome": run.outcome_text,
-        "flight_time_s": flight_time_s,
-        "heat_load_mjpm2": float(truth["heat_load_jpm2"]) / 1e6,
-        "ground_range_km": float(truth["ground_range_m"]) / 1e3,
-        "heat_flux_max_kwpm2": float(truth["heat_flux_max_wpm2"]) / 1e3,
-        "heat_flux_max_before_activation_kwpm2": float(metrics["heat_flux_max_before_wpm2"]) / 1e3,
-        "heat_flux_max_after_activation_kwpm2": float(metrics["heat_flux_max_after_wpm2"]) / 1e3,
-        "load_factor_max_g": float(truth["load_factor_max_g"]),
-        "dynamic_pressure_max_kpa": float(truth["dynamic_pressure_max_pa"]) / 1e3,
-        "heat_flux_error_mjpm2": float(metrics["heat_flux_error_jpm2"]) / 1e6,
-        "bank_effort_degs": math.degrees(float(metrics["bank_effort_rads"])),
-        "bank_reversals": int(metrics["bank_reversals"]),
-        "tracking_time_s": float(metrics["tracking_time_s"]),
-        "heat_flux_over_s": float(metrics["heat_flux_over_s"]),
-        "load_factor_over_s": float(metrics["load_factor_over_s"]),
-        "bank_saturated_s": float(metrics["bank_saturated_s"]),
-        "without_fix_s": float(metrics["without_fix_s"]),
-        "final_altitude_km": float(truth["alt_m"]) / 1e3,
-        "final_speed_mps": float(truth["v_rel_mps"]),
-        "final_longitude_deg": math.degrees(float(truth["lon_rad"])),
-        "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
-        "minor_frames": int(truth["minor_frames"]),
-        "period_s": run.plan.mission.dt_s,
-        "frames_sent": int(port["frames_sent"]),
-        "frames_received": int(port["frames_received"]),
-        "frames_rejected": sum((by_computer or {}).values()) + sum(by_harness.values()),
-        "rejected_by_flight_computer": by_computer,
-        "rejected_by_harness": by_harness,
-        "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
+        "rejected_by_flight_computer": rejected(run.computer["verdicts"]) if reported else None,
+        "rejected_by_harness": rejected(verdicts(port["rx"]["counted"])),
         "frames_dropped": run.frames_dropped + int(run.computer.get("frames_dropped", 0)),
         "error_frames": int(port["error_frames"]),
         "bus_losses": int(run.computer.get("bus_losses", 0)),
         "bus_rows_lost": int(harness["bus_rows_lost"]),
         "command_rows_lost": int(harness["command_rows_lost"]),
-        "command_sha256": run.command_sha256,
-        "load_crc32": f"0x{run.image.crc32:08x}",
         "step_time_us": run.computer.get("step_time_us"),
         **punctuality_of(run),
-        "speedup": flight_time_s / run.wall_s if run.wall_s > 0.0 else 0.0,
+        "speedup": facts["flight_time_s"] / run.wall_s if run.wall_s > 0.0 else 0.0,
         "compile_s": round(run.compile_s, 3),
         "computer_compile_s": run.computer.get("compile_s"),
     }

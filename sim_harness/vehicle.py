@@ -30,7 +30,7 @@ def hold(world: Record, truth: Record, bank_rad: float, alpha_rad: float) -> Non
     """Fixes the attitude the forces are computed with; areas only follow a changed alpha."""
     held = truth["held"]
     held["cos_bank"] = math.cos(bank_rad)
-    held["sin_bank"] = math.sin(bank_rad)
+    held["sin_bank"] = world["aerodynamics"]["side_lift_ratio"] * math.sin(bank_rad)
     if alpha_rad != held["alpha_rad"]:
         hold_areas(world, held, alpha_rad)
 
@@ -121,6 +121,18 @@ def start(world: Record, truth: Record) -> None:
 
 
 @kernel
+def is_slow(world: Record, truth: Record) -> bool:
+    """At or below the end speed."""
+    return truth["v_rel_mps"] <= world["end"]["speed_mps"]
+
+
+@kernel
+def is_low(world: Record, truth: Record) -> bool:
+    """At or below the end altitude."""
+    return truth["alt_m"] <= world["end"]["alt_m"]
+
+
+@kernel
 def ended(world: Record, truth: Record) -> int:
     """Outcome so far, records.FLYING while the flight goes on."""
     end = world["end"]
@@ -131,7 +143,7 @@ def ended(world: Record, truth: Record) -> int:
     heat = truth["heat_flux_wpm2"] + truth["heat_load_jpm2"]
     if not math.isfinite(place + v + direction + heat):
         return NUMERICAL
-    if v <= end["speed_mps"] or alt <= end["alt_m"]:
+    if is_slow(world, truth) or is_low(world, truth):
         return END_CONDITION
     if alt <= 0.0:
         return GROUND

@@ -11,7 +11,18 @@ from typing import NoReturn
 import typer
 
 from flight_sw.errors import AeroshellError
-from tools.commands import bench, bus, export, fly, gains, info, missions, replay, timing
+from tools.commands import (
+    bench,
+    bus,
+    campaign,
+    export,
+    fly,
+    gains,
+    info,
+    missions,
+    replay,
+    timing,
+)
 
 REFUSED = 1
 INTERRUPTED = 130
@@ -24,6 +35,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(fly.fly)
+app.command()(campaign.campaign)
 app.command()(missions.missions)
 app.command()(gains.gains)
 app.command()(info.info)

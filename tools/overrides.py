@@ -4,6 +4,7 @@ A mission key changes the world. Those that the flight computer is told of (the 
 rate) change its load too; a design key changes only the load, which is then made anew.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,7 +54,7 @@ def parse(settings: list[str]) -> dict[str, str]:
     return pairs
 
 
-def _split(
+def split(
     pairs: dict[str, str], raw: dict[str, Any], tree: dict[str, Any]
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Overrides of the mission and of the design, under their full names."""
@@ -72,8 +73,21 @@ def _split(
     return mission, design
 
 
-def _is_told(key: str) -> bool:
+def is_told(key: str) -> bool:
+    """Whether the computer is told of a mission key."""
     return key.startswith(TOLD_TO_THE_COMPUTER)
+
+
+def with_values(tree: dict[str, Any], values: Mapping[str, float | str]) -> dict[str, Any]:
+    """Tables with values put in by their full dotted keys; the tables given stay as they are."""
+    changed = dict(tree)
+    for key, value in values.items():
+        first, dot, rest = key.partition(".")
+        if dot:
+            changed[first] = with_values(changed.get(first, {}), {rest: value})
+        else:
+            changed[first] = value_of(value)
+    return changed
 
 
 def _remade(
@@ -81,13 +95,7 @@ def _remade(
 ) -> bytes:
     """The image of a law for a mission and design with overrides."""
     path = folder / DESIGN_NAME
-    tree = read_tree(path)
-    for key, value in changes.items():
-        *parents, leaf = key.split(".")
-        table = tree
-        for parent in parents:
-            table = table.setdefault(parent, {})
-        table[leaf] = value_of(value)
+    tree = with_values(read_tree(path), changes)
     design = checked_design(path, tree)
     return make(law, design, load_mission(mission_file, told), path).raw
 
@@ -99,7 +107,7 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
     folder = plain.gains_folder
     has_design = (folder / DESIGN_NAME).is_file()
     tree = read_tree(folder / DESIGN_NAME) if has_design else {}
-    world, changes = _split(parse(settings), read_toml(file), tree)
+    world, changes = split(parse(settings), read_toml(file), tree)
     mission = load_mission(file, world) if world else plain
     if load is not None:
         if changes:
@@ -119,7 +127,7 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
             f"law '{chosen}' is not designed for {plain.name}{nearest(chosen, designed)}; "
             f"allowed {', '.join(designed)}"
         )
-    told = {k: v for k, v in world.items() if _is_told(k)}
+    told = {k: v for k, v in world.items() if is_told(k)}
     path = image_path(folder, chosen)
     comparable = file.parent == SHIPPED and not changes and set(world) <= {SET_POINT}
     if told or changes:

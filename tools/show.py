@@ -24,6 +24,10 @@ RowDefinition = tuple[str, str, str]
 ROWS: tuple[RowDefinition, ...] = (
     ("heat load", "heat_load_mjpm2", "MJ/m2"),
     ("ground range", "ground_range_km", "km"),
+    ("downrange error", "downrange_error_km", "km"),
+    ("crossrange error", "crossrange_error_km", "km"),
+    ("altitude error", "altitude_error_km", "km"),
+    ("speed error", "speed_error_mps", "m/s"),
     ("peak heat flux", "heat_flux_max_kwpm2", "kW/m2"),
     ("  after activation", "heat_flux_max_after_activation_kwpm2", "kW/m2"),
     ("peak load factor", "load_factor_max_g", "g"),
@@ -106,7 +110,8 @@ def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) ->
     if comparable:
         row = published(mission.name, summary["law"], mission.limits.heat_flux_max_kwpm2)
     source = row.source if row else ""
-    table = Table(title=f"{mission.title}: law {summary['law']}, {summary['outcome']}")
+    trigger = f" ({summary['end_trigger']})" if summary["end_trigger"] else ""
+    table = Table(title=f"{mission.title}: law {summary['law']}, {summary['outcome']}{trigger}")
     table.add_column("")
     table.add_column("flown", justify="right")
     if row:
@@ -114,6 +119,8 @@ def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) ->
         table.add_column("deviation", justify="right")
     table.add_column("unit")
     for label, key, unit in ROWS:
+        if summary[key] is None:
+            continue  # the mission has no target, no heating or no such limit
         cells = [label, f"{summary[key]:,.2f}"]
         if row:
             reference = getattr(row, key, None)

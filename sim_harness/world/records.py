@@ -41,6 +41,7 @@ AERODYNAMICS = np.dtype(
         ("model", "i8"),  # AERO_*
         ("mass_kg", "f8"),
         ("area_m2", "f8"),  # that the coefficients refer to
+        ("side_lift_ratio", "f8"),  # share of the lift's sideways part that acts
         ("lift_coefficient", "f8"),  # AERO_CONSTANT
         ("drag_coefficient", "f8"),
         ("n1", "f8"),  # AERO_NEWTONIAN: C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2

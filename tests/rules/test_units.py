@@ -29,6 +29,9 @@ PURE = {
     "ln_rho",
     # share of an error taken in one frame
     "lag_gain",
+    # a share of a value that goes into a value, and what an observer is given: any unit
+    "value_from_value", "rate_from_rate", "value_from_measured", "value_from_newest",
+    "value", "value_rate", "value_accel", "measured",
     # k in q = k rho^m V^n and rho V^n itself: their units depend on the exponents
     "coefficient", "factor_si", "tracking_constant",
     # in the unit of the signal or of the telemetry number

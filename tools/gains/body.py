@@ -107,10 +107,16 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
     choice = design.nominal
     if choice is None:
         raise DesignError("laws: nominal and lqy need a table [nominal], which is missing")
-    record["heat_flux_max_wpm2"] = mission.limits.heat_flux_max_kwpm2 * 1e3
-    record["load_factor_max_g"] = mission.limits.load_factor_max_g
+    limits, heating = mission.limits, mission.heating
+    for name in ("heat_flux_max_kwpm2", "load_factor_max_g"):
+        if not math.isfinite(getattr(limits, name)):
+            raise DesignError(f"laws: nominal and lqy need limits.{name}, which is missing")
+    if heating is None:
+        raise DesignError("laws: nominal and lqy need a table [heating] in the mission")
+    record["heat_flux_max_wpm2"] = limits.heat_flux_max_kwpm2 * 1e3
+    record["load_factor_max_g"] = limits.load_factor_max_g
     # q = k rho^m V^n is constant where rho V^(n/m) is.
-    exponent = mission.heating.speed_exponent / mission.heating.density_exponent
+    exponent = heating.speed_exponent / heating.density_exponent
     record["heat_flux_exponent"] = exponent
     if not choice.release_exponent < exponent:
         raise DesignError(

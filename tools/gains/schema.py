@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -126,6 +126,19 @@ class Lqy(Section):
     speed_scale_ratio: Annotated[
         float, Quantity("-", 1e-3, 1e3, "speed over it scales the speed state")
     ] = 6.0
+
+
+class Observer(Section):
+    """A high-gain observer: the rate of a measured quantity. Laws that need one embed this."""
+
+    eps_s: Annotated[float, Quantity("s", 1e-3, 1e3, "smaller: faster, and more of the noise")]
+    l1: Annotated[float, Quantity("-", 1e-3, 1e3, "on the value; poles s^2 + l1 s + l2, over eps")]
+    l2: Annotated[float, Quantity("-", 1e-3, 1e3, "on the rate")]
+    coast_max_s: Annotated[
+        float, Quantity("s", 0.0, 1e3, "bridged by the model without a measurement")
+    ] = 1.0
+    hold: Literal["zero", "first"] = "zero"
+    """The measurement between two steps: held, or straight from one to the next."""
 
 
 class Design(Section):

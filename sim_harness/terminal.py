@@ -1,0 +1,92 @@
+"""How a flight ended against its target, and which end condition ended it.
+
+Read from the truth at the first minor frame at or below the end condition: nothing is interpolated
+between frames. Signs: downrange is target minus flown, altitude and speed flown minus target.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from flight_sw.types_ import Record
+from sim_harness.mission import Mission
+from sim_harness.vehicle import is_low, is_slow
+from sim_harness.world.records import END_CONDITION
+
+Vector = tuple[float, float, float]
+
+
+class TerminalErrors(NamedTuple):
+    """Miss of the target; None everywhere without one."""
+
+    downrange_error_km: float | None = None
+    """Target minus flown along the great circle from entry to target: short is positive."""
+    crossrange_error_km: float | None = None
+    """Distance from that great circle, positive to its right."""
+    altitude_error_km: float | None = None
+    speed_error_mps: float | None = None
+
+
+def direction(lon_rad: float, lat_rad: float) -> Vector:
+    """Unit vector of a place: x to longitude 0, z to the north pole."""
+    cos_lat = math.cos(lat_rad)
+    return cos_lat * math.cos(lon_rad), cos_lat * math.sin(lon_rad), math.sin(lat_rad)
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def ranges_rad(start: Vector, target: Vector, flown: Vector) -> tuple[float, float, float]:
+    """Arc from start to target, arc flown along it, and arc to its right, on the unit sphere.
+
+    A target at the start or opposite to it leaves the great circle open: the arc flown is then the
+    distance from the start, and there is no right or left.
+    """
+    normal = _cross(start, target)  # to the left of the way
+    length = math.sqrt(_dot(normal, normal))
+    wanted = math.atan2(length, _dot(start, target))
+    if length == 0.0:
+        apart = _cross(start, flown)
+        return wanted, math.atan2(math.sqrt(_dot(apart, apart)), _dot(start, flown)), 0.0
+    left = (normal[0] / length, normal[1] / length, normal[2] / length)
+    ahead = _cross(left, start)
+    right = -math.asin(min(max(_dot(flown, left), -1.0), 1.0))
+    return wanted, math.atan2(_dot(flown, ahead), _dot(flown, start)), right
+
+
+def terminal_errors(mission: Mission, truth: Record) -> TerminalErrors:
+    """Errors of a state, usually the final one, against the mission's target."""
+    target = mission.target
+    if target is None:
+        return TerminalErrors()
+    entry = mission.entry
+    wanted, flown, right = ranges_rad(
+        direction(math.radians(entry.longitude_deg), math.radians(entry.latitude_deg)),
+        direction(math.radians(target.longitude_deg), math.radians(target.latitude_deg)),
+        direction(float(truth["lon_rad"]), float(truth["lat_rad"])),
+    )
+    return TerminalErrors(
+        mission.planet.radius_km * (wanted - flown),
+        mission.planet.radius_km * right,
+        float(truth["alt_m"]) / 1e3 - target.altitude_km,
+        float(truth["v_rel_mps"]) - target.speed_mps,
+    )
+
+
+def end_trigger(world: Record, truth: Record, outcome: int) -> str | None:
+    """Which part of the end condition ended the flight; None if it ended otherwise."""
+    if outcome != END_CONDITION:
+        return None
+    met = [name for name, met in (("speed", is_slow), ("altitude", is_low)) if met(world, truth)]
+    return " and ".join(met)
+
+
+def told(mission: Mission, world: Record, truth: Record, outcome: int) -> dict[str, Any]:
+    """What summary.json says of the end of a flight."""
+    return {"end_trigger": end_trigger(world, truth, outcome)} | terminal_errors(
+        mission, truth
+    )._asdict()

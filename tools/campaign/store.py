@@ -1,0 +1,241 @@
+"""The folder of a campaign: what it is, what it flies, and every finished flight at once.
+
+While it flies, each flight is a line of `flights.jsonl`, written when it has ended: a killed
+campaign has lost nothing but flights in the air. When all are flown the lines become
+`results.parquet`, sorted by run, and the journal goes.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from flight_sw.errors import FlightError
+from sim_harness.dispersions import Samples
+from tools.campaign.plan import Plan, decoded, encoded
+from tools.gains.image import write_atomically
+
+MANIFEST = "campaign.json"
+SAMPLES = "samples.parquet"
+RESULTS = "results.parquet"
+VERDICT = "verdict.json"
+JOURNAL = "flights.jsonl"
+LOCK = ".lock"
+LOAD = "{law}.load"
+GROUP_ROWS = 1024  # a row group of results.parquet, and the most rows held at once
+KINDS = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+
+
+class Store:
+    """One campaign's folder, held by this process alone."""
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.folder = folder
+        self.plan = plan
+        self._lock = self._locked()
+        try:
+            self._adopt()
+            self._journal = self._open_journal()
+        except BaseException:
+            self.close()
+            raise
+
+    def _locked(self) -> Any:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            lock = (self.folder / LOCK).open("ab")
+        except OSError as error:
+            raise FlightError(f"--out {self.folder}: cannot be used ({error.strerror})") from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise FlightError(
+                f"--out {self.folder}: another process is flying this campaign"
+            ) from None
+        return lock
+
+    def _adopt(self) -> None:
+        """Begin in an empty folder, or go on in one of the same campaign."""
+        if not (self.folder / MANIFEST).is_file():
+            others = sorted(p.name for p in self.folder.iterdir() if p.name not in (LOCK, SAMPLES))
+            kept = [n for n in others if n != LOAD.format(law=self.plan.job.law)]
+            if kept:
+                raise FlightError(
+                    f"--out {self.folder}: holds {kept[0]} and no {MANIFEST}: not a campaign"
+                )
+            self._begin()
+            return
+        stored = read_manifest(self.folder)["identity"]
+        wanted = self.plan.identity
+        if differ := [key for key in wanted if stored.get(key) != wanted[key]]:
+            told = ", ".join(f"{k} {stored.get(k)} (asked for: {wanted[k]})" for k in differ)
+            raise FlightError(f"--out {self.folder}: holds a campaign with {told}")
+
+    def _begin(self) -> None:
+        """Samples and load first, the manifest last: a folder with one is whole."""
+        plan = self.plan
+        write_table(samples_table(plan.samples), self.folder / SAMPLES)
+        write_atomically(self.folder / LOAD.format(law=plan.job.law), plan.job.load_image)
+        self.write_manifest({"state": "flying"})
+
+    def write_manifest(self, more: dict[str, Any]) -> None:
+        """The manifest, with how the campaign stands."""
+        plan = self.plan
+        job = plan.job
+        manifest = {
+            "identity": plan.identity,
+            **more,
+            "title": plan.title,
+            "requirements": [r.model_dump() for r in plan.requirements],
+            "told_to_both": list(plan.told_to_both),
+            "job": encoded(
+                {
+                    "mission_tree": job.mission_tree,
+                    "told_tree": job.told_tree,
+                    "design_tree": job.design_tree,
+                    "mission_file": job.mission_file,
+                    "law": job.law,
+                    "load_file": job.load_file,
+                }
+            ),
+        }
+        text = json.dumps(encoded(manifest), indent=1)
+        write_atomically(self.folder / MANIFEST, (text + "\n").encode())
+
+    def _open_journal(self) -> Any:
+        """The journal at its end; a line that a kill has torn is cut off."""
+        self.offsets = np.full(self.plan.n, -1, np.int64)
+        self.kinds: dict[str, set[type]] = {}
+        self.flown = 0
+        if self.is_complete:
+            self.flown = self.plan.n
+            (self.folder / JOURNAL).unlink(missing_ok=True)  # killed between its last two steps
+            return None
+        journal = (self.folder / JOURNAL).open("ab+")
+        journal.seek(0)
+        end = 0
+        for line in journal:
+            try:
+                row = json.loads(line) if line.endswith(b"\n") else None
+            except ValueError:
+                row = None
+            if row is None:
+                break
+            self._count(row, end)
+            end += len(line)
+        journal.truncate(end)
+        return journal
+
+    def _count(self, row: dict[str, Any], offset: int) -> None:
+        self.offsets[row["run"] - 1] = offset
+        self.flown += 1
+        for key, value in row.items():
+            self.kinds.setdefault(key, set()).update(() if value is None else (type(value),))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all flights are in results.parquet."""
+        return (self.folder / RESULTS).is_file()
+
+    def to_fly(self) -> list[int]:
+        """Runs that have no result yet, in order."""
+        return [] if self.is_complete else (np.flatnonzero(self.offsets < 0) + 1).tolist()
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Keep a finished flight: after this call it survives the process."""
+        self._journal.seek(0, os.SEEK_END)
+        offset = self._journal.tell()
+        self._journal.write((json.dumps(row) + "\n").encode())
+        self._journal.flush()
+        self._count(row, offset)
+
+    def _rows(self) -> Iterator[dict[str, Any]]:
+        for offset in self.offsets:
+            self._journal.seek(int(offset))
+            yield json.loads(self._journal.readline())
+
+    def finish(self) -> None:
+        """Make results.parquet of the journal, in order of runs, a group of rows at a time."""
+        schema = pa.schema([(key, kind_of(found)) for key, found in self._in_order()])
+        temporary = self.folder / (RESULTS + ".new")
+        with pq.ParquetWriter(temporary, schema) as writer:
+            group: list[dict[str, Any]] = []
+            for row in self._rows():
+                group.append(row)
+                if len(group) == GROUP_ROWS:
+                    writer.write_table(pa.Table.from_pylist(group, schema))
+                    group = []
+            if group:
+                writer.write_table(pa.Table.from_pylist(group, schema))
+        os.replace(temporary, self.folder / RESULTS)
+        self._journal.close()
+        (self.folder / JOURNAL).unlink()
+
+    def _in_order(self) -> list[tuple[str, set[type]]]:
+        """Columns: those of the first flown run that has the most, then any others by name."""
+        keys = max(self._rows(), key=len).keys()
+        return [(k, self.kinds[k]) for k in (*keys, *sorted(set(self.kinds) - set(keys)))]
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        if getattr(self, "_journal", None) is not None:
+            self._journal.close()
+        self._lock.close()
+
+
+def kind_of(found: set[type]) -> pa.DataType:
+    """The column type for the values seen; a column without any is of numbers."""
+    if found == {int, float} or not found:
+        return pa.float64()
+    return KINDS[next(iter(found))] if len(found) == 1 else pa.string()
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write under a temporary name, then rename."""
+    temporary = path.with_name(path.name + ".new")
+    pq.write_table(table, temporary)
+    os.replace(temporary, path)
+
+
+def samples_table(samples: Samples) -> pa.Table:
+    """A row a flight: its number, its seed, a value for each key."""
+    columns: dict[str, Any] = {"run": np.arange(1, len(samples.seeds) + 1), "seed": samples.seeds}
+    for i, key in enumerate(samples.keys):
+        columns[key] = samples.values[:, i]
+    return pa.table(columns)
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """campaign.json of a folder."""
+    try:
+        return decoded(json.loads((folder / MANIFEST).read_text(encoding="utf-8")))
+    except OSError as error:
+        raise FlightError(f"{folder}: no campaign, {MANIFEST} {error.strerror}") from error
+    except ValueError as error:
+        raise FlightError(f"{folder / MANIFEST}: not JSON ({error})") from error
+
+
+def read_results(folder: Path) -> pa.Table:
+    """All flights of a finished campaign, sorted by run."""
+    manifest = read_manifest(folder)
+    if not (folder / RESULTS).is_file():
+        raise FlightError(
+            f"{folder}: campaign of {manifest['identity']['n']} flights is not finished; "
+            f"the command that began it goes on with it"
+        )
+    return pq.read_table(folder / RESULTS)
+
+
+def read_samples(folder: Path) -> pa.Table:
+    """The samples of a campaign."""
+    try:
+        return pq.read_table(folder / SAMPLES)
+    except (OSError, pa.ArrowException) as error:
+        raise FlightError(f"{folder / SAMPLES}: cannot be read ({error})") from error
