@@ -33,11 +33,14 @@ BLOCK_MAGIC = 0x4C4E524A
 KEEP_S = 0.25  # of flight, between two blocks
 BUS_ROWS, TRUTH_ROWS = 1, 2  # kinds of blocks
 HEAD_LENGTH_BYTES = 4
+BUS_ROW_BYTES = BUS_LOG.itemsize
 SUM_START, SUM_FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3)  # FNV-1a
+ENOSPC = errno.ENOSPC
 NONE = 0  # no file: descriptor 0 is never ours
 
 BLOCK = np.dtype([("magic", "<u4"), ("kind", "<u4"), ("bytes", "<u8"), ("sum", "<u8")])
 """What stands before the rows of a block; the sum is over times and frames."""
+BLOCK_BYTES = BLOCK.itemsize
 
 JOURNAL = np.dtype(
     [
@@ -91,12 +94,12 @@ def _append(journal: Record, kind: int, address: np.uint64, size: int, total: np
     block["sum"] = total
     iov = journal["iov"]
     iov[0]["base"] = journal["block_address"]
-    iov[0]["size"] = BLOCK.itemsize
+    iov[0]["size"] = BLOCK_BYTES
     iov[1]["base"] = address
     iov[1]["size"] = size
     written = writev(np.int32(journal["fd"]), journal["iov_address"], np.int32(2))
-    if written != BLOCK.itemsize + size:
-        journal["error"] = last_errno() if written < 0 else errno.ENOSPC
+    if written != BLOCK_BYTES + size:
+        journal["error"] = last_errno() if written < 0 else ENOSPC
         journal["fd"] = NONE
 
 
@@ -108,8 +111,8 @@ def keep_bus(journal: Record, rows: Rows, written: int) -> None:
     while first < written and journal["fd"] != NONE:
         at = first % length
         n = min(written - first, length - at)
-        address = journal["bus_address"] + np.uint64(at * BUS_LOG.itemsize)
-        _append(journal, BUS_ROWS, address, n * BUS_LOG.itemsize, bus_sum(rows, at, at + n))
+        address = journal["bus_address"] + np.uint64(at * BUS_ROW_BYTES)
+        _append(journal, BUS_ROWS, address, n * BUS_ROW_BYTES, bus_sum(rows, at, at + n))
         first += n
     journal["bus_rows"] = written
 
@@ -266,7 +269,9 @@ def read_journal(recording: Path) -> Kept | None:
     return Kept(str(head.get("recording", "")), bus, kept_truth)
 
 
-def _block_rows(content: bytes, at: int, block: Record, types_of: dict[int, np.dtype]) -> Rows | None:
+def _block_rows(
+    content: bytes, at: int, block: Record, types_of: dict[int, np.dtype]
+) -> Rows | None:
     """The rows of a block that is whole."""
     dtype = types_of.get(int(block["kind"]))
     size = int(block["bytes"])

@@ -14,10 +14,12 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.errors import RecordingError
+from sim_harness.journal import Kept, read_journal
 from sim_harness.telemetry import unpack
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
+from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
-from sim_harness.telemetry.schema import log_schema, message_class, record_dtype
+from sim_harness.telemetry.schema import flat_fields, log_schema, message_class, record_dtype
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
 from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
 from sim_harness.telemetry.writer import (
@@ -37,6 +39,7 @@ U1 = npt.NDArray[np.uint8]
 
 NS_PER_S = 1_000_000_000
 DBC_SUFFIX = ".dbc"
+RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recording
 
 
 def open_recording(path: Path | str) -> "Recording":
@@ -57,7 +60,10 @@ def open_recording(path: Path | str) -> "Recording":
     written = contents.metadata[MANIFEST].get("format", "missing")
     if written != FORMAT:
         raise RecordingError(f"{path.name}: format is {written}, this reader knows {FORMAT}")
-    return Recording(path, contents)
+    kept = None if contents.is_complete else read_journal(path)
+    if kept is not None and kept.recording_id != contents.metadata[MANIFEST].get(RECORDING_KEY):
+        kept = None  # another flight's
+    return Recording(path, contents, kept)
 
 
 def load_kernels() -> None:
@@ -70,9 +76,10 @@ def load_kernels() -> None:
 class Recording:
     """One flight as it was recorded."""
 
-    def __init__(self, path: Path, contents: Contents) -> None:
+    def __init__(self, path: Path, contents: Contents, kept: Kept | None = None) -> None:
         self.path = path
         self._contents = contents
+        self._kept = kept
 
     @property
     def is_complete(self) -> bool:
@@ -127,12 +134,32 @@ class Recording:
     @property
     def until_s(self) -> float:
         """Mission time of the last message."""
-        return self._contents.last_ns / NS_PER_S
+        last_s = self._contents.last_ns / NS_PER_S
+        return max(last_s, self._journal_until_s)
+
+    @property
+    def _journal_until_s(self) -> float:
+        return float(self._kept.bus["t_s"][-1]) if self._kept and len(self._kept.bus) else 0.0
+
+    @property
+    def from_journal_s(self) -> float:
+        """How much of the flight the journal beside an incomplete recording adds to it."""
+        return self.until_s - self._contents.last_ns / NS_PER_S
+
+    @functools.cached_property
+    def _recorded_bus(self) -> Rows:
+        return np.concatenate([np.zeros(0, BUS_LOG), *self.bus_chunks()])
 
     @functools.cached_property
     def bus(self) -> Rows:
-        """All CAN frames in bus order, as BUS_LOG."""
-        return np.concatenate([np.zeros(0, BUS_LOG), *self.bus_chunks()])
+        """All CAN frames in bus order, as BUS_LOG; a journal that goes on for longer has them."""
+        if self._kept and len(self._kept.bus) > len(self._recorded_bus):
+            return self._kept.bus
+        return self._recorded_bus
+
+    @property
+    def _is_from_journal(self) -> bool:
+        return self.bus is not self._recorded_bus
 
     def bus_chunks(self) -> Iterator[Rows]:
         """The CAN frames chunk by chunk, as BUS_LOG."""
@@ -142,12 +169,20 @@ class Recording:
     @functools.cached_property
     def missing_minor_frames(self) -> int:
         """Minor frames that the recorder dropped, as the gaps in their numbering tell."""
+        if self._is_from_journal:
+            return 0
         numbers = self._topic(FRAMES_TOPIC).sequences()
         return int(numbers[-1]) + 1 - len(numbers) if len(numbers) else 0
 
     @functools.cached_property
     def truth(self) -> Rows:
         """The sampled truth, nested fields flattened; empty when none was recorded."""
+        recorded = self._recorded_truth()
+        if self._kept is None or len(self._kept.truth) <= len(recorded):
+            return recorded
+        return flattened(self._kept.truth)
+
+    def _recorded_truth(self) -> Rows:
         topic = self._topic(TRUTH_TOPIC)
         if topic.schema is None:
             return np.zeros(0, np.dtype([("t_s", "f8")]))
@@ -169,7 +204,15 @@ class Recording:
             read = line.FromString(payload)
             t_s = read.timestamp.ToNanoseconds() / NS_PER_S
             lines.append(LogLine(t_s, LogLevel(read.level), read.message))
-        return lines
+        return lines + self._lines_of_journal()
+
+    def _lines_of_journal(self) -> list[LogLine]:
+        """The events that frames of the journal tell of, and the recorder had no time to log."""
+        if not self._is_from_journal:
+            return []
+        events, recorded = Events(self.decoder), len(self._recorded_bus)
+        events.lines(self.bus[:recorded], self.slots[:recorded])
+        return events.lines(self.bus[recorded:], self.slots[recorded:])
 
     @functools.cached_property
     def rows_before_gap(self) -> int:
@@ -177,7 +220,7 @@ class Recording:
         topic = self._topic(FRAMES_TOPIC)
         numbers = topic.sequences()
         lost = np.flatnonzero(numbers != np.arange(len(numbers)))
-        if not len(lost):
+        if self._is_from_journal or not len(lost):
             return len(self.bus)
         counts = [_frame_counts(*piece) for piece in topic.pieces]
         return int(np.concatenate(counts)[: int(lost[0])].sum())
@@ -205,6 +248,18 @@ class Recording:
 
     def _topic(self, name: str) -> Topic:
         return self._contents.topics.get(name) or Topic(None, [])
+
+
+def flattened(rows: Rows) -> Rows:
+    """Records of numbers with nested ones flattened, as a recording has them."""
+    fields = flat_fields(rows.dtype)
+    out = np.zeros(len(rows), np.dtype([(name, inner) for name, _, inner in fields]))
+    for name, path, _ in fields:
+        column = rows
+        for part in path:
+            column = column[part]
+        out[name] = column
+    return out
 
 
 def _bodies(octets: U1, starts: I8) -> I8:

@@ -75,13 +75,36 @@ def check_bus(bus: str, factor: float, synchronisation: str, *, external_compute
         raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
 
 
+def checked_rate(rate_hz: float) -> float:
+    """The rate of telemetry in a recording, refused before anything is flown."""
+    from flight_sw.errors import RecordingError
+    from sim_harness.telemetry.writer import RATE_MAX_HZ
+
+    if not 0.0 < rate_hz <= RATE_MAX_HZ:
+        raise RecordingError(
+            f"--telemetry-rate {rate_hz:g}: allowed are above 0 to {RATE_MAX_HZ:g} Hz"
+        )
+    return rate_hz
+
+
 def _manifest(run: "FlightRun") -> dict[str, str]:
+    import uuid
     from importlib.metadata import version
+    from platform import python_version
+
+    from sim_harness.summary import pace_text
+    from sim_harness.telemetry.reader import RECORDING_KEY
 
     plan = run.plan
     return {
         "project": "aeroshell",
         "version": version("aeroshell"),
+        **{name: version(name) for name in ("numba", "numpy")},
+        "python": python_version(),
+        RECORDING_KEY: uuid.uuid4().hex,
+        "period_s": repr(plan.mission.dt_s),
+        "pace": pace_text(plan.pace),
+        "synchronisation": plan.synchronisation,
         "mission": plan.mission.name,
         "law": run.image.law,
         "bus": plan.bus,
@@ -95,10 +118,14 @@ def _attachments(run: "FlightRun") -> dict[str, tuple[str, bytes]]:
     from flight_sw import icd
 
     mission = run.plan.mission.path
+    tables = {}
+    if csv := getattr(run.plan.mission.atmosphere, "csv", None):
+        tables[csv] = ("text/csv", (mission.parent / csv).read_bytes())
     return {
         icd.DBC_PATH.name: ("text/plain", icd.DBC_PATH.read_bytes()),
         mission.name: ("application/toml", mission.read_bytes()),
         f"{run.image.law}.load": ("application/octet-stream", run.plan.load_image),
+        **tables,
     }
 
 
@@ -109,11 +136,14 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     from flight_sw.errors import AeroshellError
     from sim_harness.bus_flight import fly_bus
     from sim_harness.flight import fly_memory
+    from sim_harness.telemetry.reader import RECORDING_KEY
     from tools.recording import FlightRecorder
 
     with ExitStack() as resources:
         if folder is not None:
-            recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
+            path, manifest = folder / RECORDING_NAME, _manifest(run)
+            recorder = FlightRecorder(path, manifest, _attachments(run), run.plan.truth_rate_hz)
+            recorder.journal = run.keep_journal(path, manifest[RECORDING_KEY])
             resources.callback(lambda: recorder.close(run))
             run.listeners.append(recorder)
         try:
@@ -158,6 +188,9 @@ def fly(
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
     ] = None,
+    telemetry_rate: Annotated[
+        float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
+    ] = 10.0,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
@@ -181,6 +214,7 @@ def fly(
         load_path=_load_path(prepared, folder.path),
         bus=bus,
         seed=seed,
+        truth_rate_hz=checked_rate(telemetry_rate),
         recorded=record,
         own_computer=not external_computer,
         pace=factor,
