@@ -34,6 +34,7 @@ KEEP_S = 0.25  # of flight, between two blocks
 BUS_ROWS, TRUTH_ROWS = 1, 2  # kinds of blocks
 HEAD_LENGTH_BYTES = 4
 BUS_ROW_BYTES = BUS_LOG.itemsize
+NS_PER_S = 1e9
 SUM_START, SUM_FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3)  # FNV-1a
 ENOSPC = errno.ENOSPC
 NONE = 0  # no file: descriptor 0 is never ours
@@ -69,7 +70,7 @@ def bus_sum(rows: Rows, first: int, last: int) -> np.uint64:
     found = SUM_START
     for i in range(first, last):
         row = rows[i]
-        found = (found ^ np.float64(row["t_s"]).view(np.uint64)) * SUM_FACTOR
+        found = (found ^ np.uint64(row["t_s"] * NS_PER_S)) * SUM_FACTOR
         found = (found ^ np.uint64(row["frame"]["can_id"])) * SUM_FACTOR
         found = (found ^ np.uint64(row["frame"]["data"])) * SUM_FACTOR
     return found
@@ -80,7 +81,7 @@ def time_sum(rows: Rows, first: int, last: int) -> np.uint64:
     """The checksum of rows of truth."""
     found = SUM_START
     for i in range(first, last):
-        found = (found ^ np.float64(rows[i]["t_s"]).view(np.uint64)) * SUM_FACTOR
+        found = (found ^ np.uint64(rows[i]["t_s"] * NS_PER_S)) * SUM_FACTOR
     return found
 
 
