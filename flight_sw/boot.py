@@ -37,7 +37,7 @@ from flight_sw.executive import (
 from flight_sw.guidance import LAWS
 from flight_sw.histogram import filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, read_image
-from flight_sw.privileges import lock_memory, take_priority, take_processor
+from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
 
 SLICE_NS = 100_000_000  # between two looks at signals
@@ -136,11 +136,14 @@ class FlightComputer:
                   slice_ns)
         )  # fmt: skip
 
-    def take_privileges(self) -> None:
-        """Priority, memory, processor: what is missing is said in one line."""
-        missing = [word for word in (lock_memory(), take_priority(), take_processor(0)) if word]
-        if missing:
-            sys.stderr.write(f"{NOT_PERMITTED} {'; '.join(missing)}\n")
+    def take_priority(self, missing: str) -> None:
+        """Go before others from here on; what is missing for it is said in one line.
+
+        Last of all: a flight that is under way beside this one is not to wait for a start-up.
+        """
+        words = [word for word in (missing, take_priority(punctual_processor())) if word]
+        if words:
+            sys.stderr.write(f"{NOT_PERMITTED} {'; '.join(words)}\n")
             sys.stderr.flush()
 
     def compile(self) -> None:
@@ -184,14 +187,16 @@ class FlightComputer:
             self.compile()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
-        if self.executive["synchronisation"][0] != LOCKSTEP:
-            self.take_privileges()
-        else:
-            run_in_bursts()
+        paced = self.executive["synchronisation"][0] != LOCKSTEP
+        missing = lock_memory() if paced else ""
         gc.collect()
         gc.freeze()
         gc.disable()
         self.discard()
+        if paced:
+            self.take_priority(missing)
+        else:
+            run_in_bursts()
         announcer.state = READY  # from here on nothing but the loop takes time
         outcome = RUNNING
         while outcome == RUNNING and not self.asked_to_end:

@@ -340,7 +340,8 @@ def serve(
             return BUS_LOST
         before = int(state[0]["cycles_run"])
         n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
-        account["in_burst"] = 1 if n_rx > 0 and n_tx == 0 else 0
+        in_burst = account["synchronisation"] == LOCKSTEP and n_rx > 0 and n_tx == 0
+        account["in_burst"] = 1 if in_burst else 0
         if _is_overdue(account, state[0], before):
             n_tx = minor_frame(load[0], state[0], rx, _tick(rx, account), tx)
         if n_tx > 0:

@@ -1,5 +1,6 @@
 """A flight over a bus, in lockstep: each minor frame waits for the flight computer's answer."""
 
+import os
 import socket
 import tempfile
 import time
@@ -15,7 +16,14 @@ from flight_sw.can.sockets import new_io, send_frames
 from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import BusError, FlightError
-from flight_sw.privileges import take_priority
+from flight_sw.privileges import (
+    MCL_CURRENT,
+    leave_processor,
+    lock_memory,
+    punctual_processor,
+    take_priority,
+    unlock_memory,
+)
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.hub import Hub
@@ -90,12 +98,13 @@ class BusFlight:
                 ComputerProcess(plan.load_path, address, computer_options(plan), run.warn)
             )
         self.bus.setblocking(False)
+        self.processor = punctual_processor()
         self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx)
 
     def fly_paced(self) -> int:
         """Fly to the end against the clock; for a thread of its own."""
         run = self.run
-        take_priority()
+        take_priority(self.processor)
         return int(fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, CYCLES_MAX))
 
     def chunk(self, cycles: int) -> int:
@@ -187,9 +196,13 @@ class BusFlight:
     def _fly_to_the_end(self) -> None:
         run = self.run
         if run.plan.pace > 0.0:
+            lock_memory(MCL_CURRENT)  # what the loop uses is there; whoever drains it may grow
+            allowed = leave_processor(self.processor)
             try:
                 run.fly_beside(self.fly_paced)
             finally:
+                os.sched_setaffinity(0, allowed)
+                unlock_memory()
                 run.punctuality = punctuality(run)
         else:
             run.fly(lambda: self.chunk(run.chunk_cycles))

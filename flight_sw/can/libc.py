@@ -69,6 +69,7 @@ recvmmsg = c_function(
     "recvmmsg", types.int32, types.int32, types.uint64, types.uint32, types.int32, types.uint64
 )
 sendmmsg = c_function("sendmmsg", types.int32, types.int32, types.uint64, types.uint32, types.int32)
+sched_yield = c_function("sched_yield", types.int32)
 
 
 def _errno_intrinsic(typing_context: Any) -> Any:

@@ -21,7 +21,7 @@ from flight_sw.can.address import UNIX_PATH_MAX_BYTES
 from flight_sw.can.sockets import BATCH, new_io
 from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
-from flight_sw.privileges import take_priority
+from flight_sw.privileges import punctual_processor, take_priority
 from sim_harness.bus.pump import (
     ACCEPT,
     CLIENTS_MAX,
@@ -99,8 +99,8 @@ def _refusal(error: OSError, path: Path) -> str:
 class Hub:
     """A running bus on a socket file: `with Hub(path) as hub: ...`, or start() and stop().
 
-    A prompt hub interrupts a busy processor for the first frame of a burst: for real time. Any
-    other lets the sender finish its burst first, and moves it with half the context switches.
+    A prompt hub is there for real time: nothing but its equals keeps it waiting, where the system
+    permits it. Any other lets the sender finish its burst before it takes the processor.
     """
 
     def __init__(self, path: str | Path, *, prompt: bool = False) -> None:
@@ -124,6 +124,7 @@ class Hub:
         self._waker.send(b"\0")
         self._pump()  # compiles; returns at once because of the byte
         self._wake.recv(1)
+        self._processor = punctual_processor()
         self._thread = threading.Thread(target=self._run, name="bus-hub", daemon=True)
         self._thread.start()
         return self
@@ -171,7 +172,7 @@ class Hub:
 
     def _run(self) -> None:
         if self.prompt:
-            take_priority()  # where it is permitted
+            take_priority(self._processor)  # where it is permitted
         else:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         while True:
