@@ -1,4 +1,4 @@
-"""Recordings to replay: flown, or put together frame by frame with ticks where a test wants them."""
+"""Recordings to replay: flown, or put together frame by frame with ticks where wanted."""
 
 from pathlib import Path
 from typing import Any

@@ -16,6 +16,13 @@ RUNS = Path("runs")
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
+TelemetryRate = Annotated[
+    float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
+]
+BusAddress = Annotated[
+    str, typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE")
+]
+
 
 class Folder:
     """The folder of a flight's files: the one named, or the next free one below runs/."""
@@ -165,10 +172,7 @@ def fly(
     ],
     *,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
-    bus: Annotated[
-        str,
-        typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE"),
-    ] = "unix",
+    bus: BusAddress = "unix",
     pace: Annotated[
         str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
     ] = "lockstep",
@@ -188,9 +192,7 @@ def fly(
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
     ] = None,
-    telemetry_rate: Annotated[
-        float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
-    ] = 10.0,
+    telemetry_rate: TelemetryRate = 10.0,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
