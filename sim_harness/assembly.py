@@ -10,6 +10,7 @@ import numpy as np
 
 from flight_sw.errors import MissionError
 from sim_harness import vehicle
+from sim_harness.assembly_navigation import fill_navigation
 from sim_harness.mission_keys import (
     Axis,
     ConstantAerodynamics,
@@ -54,6 +55,7 @@ def world_record(mission: "Mission") -> np.ndarray:
         end.altitude_km * 1e3,
         end.time_max_s,
     )
+    fill_navigation(world["navigation"], mission)
     world["atmosphere"] = atmosphere_record(mission)
     world.setflags(write=False)
     return world

@@ -270,6 +270,7 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     harness["world"] = mission.world()
     harness["codec"] = load["codec"]
     harness["truth"] = mission.truth()
+    harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]
     harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))
     metrics = harness["metrics"][0]

@@ -173,6 +173,7 @@ def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     port = harness["port"]
     _log_truth(harness, logs)
     measure(harness["world"], truth, harness["navigation"], port["values"])
+    port["withheld"] = harness["navigation"]["withheld"]
     n_tx = put_navigation(harness["codec"], port, truth["minor_frames"], tx)
     for i in range(n_tx):
         log_frame(harness, logs, tx[i])

@@ -19,13 +19,13 @@ from sim_harness.mission_keys import (
     Guidance,
     Heating,
     Limits,
-    Navigation,
     Planet,
     TableAtmosphere,
     Target,
     Us76Atmosphere,
     Vehicle,
 )
+from sim_harness.navigation_keys import Navigation
 from sim_harness.quantities import Section, Text, is_name, refusal
 
 SHIPPED = Path(__file__).parent / "missions"
@@ -194,6 +194,24 @@ def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
         elif (inner := chosen(field.annotation, below)) is not None:
             keys.extend(leaf_keys(inner, below, f"{dotted}."))
     return keys
+
+
+def differences(mission: Mission) -> dict[str, float | str]:
+    """The keys in which a mission differs from its file, with its values: as overrides."""
+    found: dict[str, float | str] = {}
+    own, plain = mission.model_dump(), load_mission(mission.path).model_dump()
+    for key in leaf_keys(Mission, own):
+        value, stated = _value_at(own, key), _value_at(plain, key)
+        if value != stated and isinstance(value, float | int | str):
+            found[key] = value
+    return found
+
+
+def _value_at(tree: Any, key: str) -> Any:
+    """The value of a dotted key; None where there is none."""
+    for name in key.split("."):
+        tree = tree.get(name) if isinstance(tree, dict) else None
+    return tree
 
 
 def value_of(text: float | str) -> float | str:

@@ -261,12 +261,6 @@ class Actuators(Section):
     alpha: Axis = Axis()
 
 
-class Navigation(Section):
-    """What navigation reports."""
-
-    model: Literal["exact"] = "exact"
-
-
 class Guidance(Section):
     """The law that flies by default, and where its load images are."""
 

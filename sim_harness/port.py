@@ -42,6 +42,7 @@ SENT_SLOTS = (*NAV_SLOTS, TIME)
 PORT = np.dtype(
     [
         ("values", "f8", (icd.N_VALUES,)),  # to be sent
+        ("withheld", "u4"),  # bits of the navigation messages that are not
         ("received", "f8", (icd.N_VALUES,)),
         ("rx", RX_STATE),
         ("request_counter", "u4"),
@@ -101,8 +102,10 @@ def put_navigation(codec: Record, port: Record, cycle: int, tx: Frames) -> int:
     """The cycle's navigation set from `port["values"]` into `tx`; returns its length."""
     counter = cycle % COUNTER_MODULUS
     n_tx = 0
-    for slot in SENT_SLOTS:
-        n_tx = _put(codec, port, slot, counter, tx, n_tx)
+    withheld = port["withheld"]
+    for i in range(len(SENT_SLOTS)):
+        if (withheld >> i) & 1 == 0:
+            n_tx = _put(codec, port, SENT_SLOTS[i], counter, tx, n_tx)
     port["answered"] = 0
     receiver_tick(port["rx"])
     return n_tx

@@ -124,6 +124,13 @@ class Text:
         return core_schema.no_info_plain_validator_function(self.check)
 
 
+@dataclass(frozen=True)
+class Meaning:
+    """What a choice between words is about."""
+
+    meaning: str
+
+
 def is_name(text: str) -> bool:
     """True for what can name a mission, a law or a folder."""
     return NAME_PATTERN.fullmatch(text) is not None

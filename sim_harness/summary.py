@@ -135,6 +135,9 @@ def frame_facts(run: FlightRun) -> dict[str, Any]:
         "frames_received": int(port["frames_received"]),
         "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
         "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
+        "navigation_dropouts": int(run.harness["navigation"]["dropouts"][0]),
+        "navigation_saturations": int(run.harness["navigation"]["saturations"][0]),
+        "navigation_refused": int(port["tx_refused"]),
         "command_sha256": run.command_sha256,
         "load_crc32": f"0x{run.image.crc32:08x}",
     }

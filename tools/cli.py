@@ -21,6 +21,7 @@ from tools.commands import (
     info,
     missions,
     replay,
+    review,
     timing,
 )
 
@@ -41,6 +42,7 @@ app.command()(gains.gains)
 app.command()(info.info)
 app.command()(export.export)
 app.command()(replay.replay)
+app.command()(review.review)
 app.command()(timing.timing)
 app.add_typer(bench.app, name="bench")
 app.add_typer(bus.app, name="bus")

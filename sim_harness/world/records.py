@@ -89,6 +89,27 @@ END = np.dtype(
     align=True,
 )
 
+NAV_CHANNELS = 11  # of navigation.CHANNELS
+NAV_PAIRS = 6  # of channels that share a stream of noise; the last has one alone
+
+NAVIGATION = np.dtype(
+    [
+        ("has_errors", "i8"),  # 0: of what follows, only drop-outs
+        ("bias", "f8", (NAV_CHANNELS,)),  # in the channels' units, SI; metres for the position
+        ("sigma", "f8", (NAV_CHANNELS,)),
+        ("slope", "f8", (NAV_CHANNELS,)),  # reported over true; not used for the position
+        ("lag_gain", "f8", (NAV_CHANNELS,)),  # share of a change seen within a report
+        ("noisy", "i8", (NAV_PAIRS,)),  # 1: a sigma of the pair is not zero
+        ("memory", "f8", (NAV_PAIRS,)),  # of the noise, from report to report: exp(-dt/time)
+        ("latency_reports", "i8"),
+        ("dropout_ratio", "f8"),  # probability that one begins at a report
+        ("dropout_reports", "i8"),
+        ("dropout_of_message", "i8"),  # 1: one message of the set is missing, 0: all of them
+    ],
+    align=True,
+)
+"""The errors of what navigation reports."""
+
 WORLD = np.dtype(
     [
         ("dt_s", "f8"),  # a minor frame, and the integration step
@@ -98,6 +119,7 @@ WORLD = np.dtype(
         ("bank", ACTUATOR),
         ("alpha", ACTUATOR),
         ("end", END),
+        ("navigation", NAVIGATION),
         ("atmosphere", ATMOSPHERE),
     ],
     align=True,

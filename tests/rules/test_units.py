@@ -32,6 +32,10 @@ PURE = {
     # a share of a value that goes into a value, and what an observer is given: any unit
     "value_from_value", "rate_from_rate", "value_from_measured", "value_from_newest",
     "value", "value_rate", "value_accel", "measured",
+    # of a channel of navigation, in its unit; noise in standard deviations
+    "bias", "sigma", "slope", "lagged", "noise", "ring",
+    # share of a noise that is left a report later
+    "memory",
     # k in q = k rho^m V^n and rho V^n itself: their units depend on the exponents
     "coefficient", "factor_si", "tracking_constant",
     # in the unit of the signal or of the telemetry number

@@ -3,7 +3,11 @@
 import math
 import sys
 
+import numpy as np
+
+from flight_sw.icd import N_VALUES
 from sim_harness import vehicle
+from sim_harness.navigation import NAV_STATE, measure
 from tests.sim_harness.flights import plain_mission
 from tests.sim_harness.test_aerodynamics import ALPHAS, DRAG, LIFT, MACHS
 
@@ -35,6 +39,19 @@ MISSIONS = {
         "actuators__alpha": SLOW_AXIS,
     },
 }
+NAVIGATION = {
+    "position_noise_m": 20.0,
+    "speed_noise_mps": 0.3,
+    "state_correlation_s": 3.0,
+    "accel_noise_mps2": 0.05,
+    "accel_lag_s": 0.1,
+    "attitude_noise_deg": 0.1,
+    "heat_flux_noise_kwpm2": 5.0,
+    "heat_flux_scale_factor": 1.01,
+    "latency_s": 0.06,
+    "dropout_ratio": 0.1,
+    "dropout_of": "message",
+}
 
 
 def flight_bytes(changes: dict) -> str:
@@ -47,6 +64,22 @@ def flight_bytes(changes: dict) -> str:
     return truth.tobytes().hex()
 
 
+def report_bytes() -> str:
+    """What navigation with errors reports along a flight, in hexadecimal."""
+    errors = {f"navigation__{key}": value for key, value in NAVIGATION.items()}
+    mission = plain_mission(entry__altitude_km=60.0, **errors)
+    world, truth = mission.world()[0], mission.truth()[0]
+    nav_state, values = np.zeros(1, NAV_STATE), np.zeros(N_VALUES)
+    nav_state["seed"] = 20261125
+    rows = b""
+    for _ in range(FRAMES):
+        measure(world, truth, nav_state[0], values)
+        rows += values.tobytes()
+        vehicle.advance(world, truth, 0.3, 0.0)
+    return (rows + nav_state.tobytes()).hex()
+
+
 if __name__ == "__main__":
     for changes in MISSIONS.values():
         sys.stdout.write(flight_bytes(changes) + "\n")
+    sys.stdout.write(report_bytes() + "\n")

@@ -111,7 +111,16 @@ MASS_ALLOWED = "allowed 0.001 to 10000000 kg"
         ),
         ("n1 = 0.7976", "n1 = 1e3", "vehicle.aerodynamics.n1 is 1000, allowed -100 to 100"),
         ('"relative"', '"local"', 'entry.frame is "local", allowed relative, inertial'),
-        ('"exact"', '"noisy"', 'navigation.model is "noisy", allowed exact'),
+        (
+            'model = "errors"',
+            'model = "noisy"',
+            'navigation.model is "noisy", allowed exact, errors',
+        ),
+        (
+            'model = "errors"',
+            "accel_noise_mps2 = -1.0",
+            "navigation.accel_noise_mps2 is -1, allowed 0 to 1000 m/s2",
+        ),
         ('"hyperion-1"', '"Hyper"', 'name is "Hyper", allowed lower-case letters, digits, . _ -'),
         (
             "low_deg = 0.0",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_harness.world.records import TRUTH
-from tests.sim_harness.hashed_flights import MISSIONS, flight_bytes
+from tests.sim_harness.hashed_flights import MISSIONS, flight_bytes, report_bytes
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,7 +25,8 @@ def test_uncompiled_flights_give_the_same_bits():
         check=True,
         timeout=120,
     )
-    lines = done.stdout.splitlines()
+    *lines, reports = done.stdout.splitlines()
+    assert reports == report_bytes()
     for line, (name, changes) in zip(lines, MISSIONS.items(), strict=True):
         compiled = np.frombuffer(bytes.fromhex(flight_bytes(changes)), TRUTH)[0]
         uncompiled = np.frombuffer(bytes.fromhex(line), TRUTH)[0]

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tools.overrides import Prepared
 
 RUNS = Path("runs")
+SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
@@ -99,6 +100,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
     from platform import python_version
 
+    from sim_harness.mission import differences
     from sim_harness.summary import pace_text
     from sim_harness.telemetry.reader import RECORDING_KEY
 
@@ -117,6 +119,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "bus": plan.bus,
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
+        "overrides": json.dumps(differences(plan.mission)),
         "command_line": " ".join(sys.argv),
     }
 
@@ -187,7 +190,7 @@ def fly(
         Path | None, typer.Option(help="load image to fly instead of the gains'")
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="kept with the flight; nothing is random yet")
+        int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")

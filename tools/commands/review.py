@@ -1,0 +1,148 @@
+"""`aeroshell review`: recorded flights as an entry engineer looks at them, in Rerun."""
+
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tools.review.source import FlightData
+
+RECORDING_NAME = "flight.mcap"
+
+
+def review(
+    flights: Annotated[
+        list[Path], typer.Argument(help="recordings, or folders with a flight.mcap; laid over")
+    ],
+    save: Annotated[
+        Path | None, typer.Option(help="write the review to this .rrd instead of showing it")
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="draw the review to this .png, without a window")
+    ] = None,
+    at_s: Annotated[
+        float | None, typer.Option("--at", help="mission time in s drawn [default: peak heat flux]")
+    ] = None,
+    tab: Annotated[
+        str, typer.Option(help="Entry, Trajectory, Guidance, Bus and timing, Flights")
+    ] = "Entry",
+    force: Annotated[bool, typer.Option("--force", help="replace files that exist")] = False,
+) -> None:
+    """Show flights in Rerun: track, corridor, limits, commands, guidance, bus, events."""
+    from flight_sw.errors import RecordingError
+    from tools.review.layout import TABS, blueprint
+    from tools.review.review import draw, peak_s, plan
+    from tools.review.source import open_flights
+    from tools.review.stage import Stage
+
+    if tab not in TABS:
+        raise RecordingError(f"--tab {tab}: allowed are {', '.join(TABS)}")
+    _check_outputs(save, screenshot, force)
+    with _Doing() as doing:
+        doing("reading the recordings")
+        found = open_flights([_recording_of(path) for path in flights])
+        _tell_gaps(found)
+        shape = plan(found)
+        with tempfile.TemporaryDirectory(prefix="aeroshell-") as folder:
+            drawn = Path(folder) / "review.rrd"
+            stage = Stage(", ".join(flight.label for flight in found))
+            doing("drawing the review")
+            stage.save(drawn, blueprint(shape, tab))
+            draw(stage, found, shape)
+            stage.close()
+            moment_s = peak_s(found[0]) if at_s is None else at_s
+            _hand_out(drawn, save, screenshot, moment_s, doing)
+
+
+def _hand_out(
+    drawn: Path,
+    save: Path | None,
+    screenshot: Path | None,
+    moment_s: float,
+    doing: Callable[[str], None],
+) -> None:
+    """Bring the review to where it is wanted."""
+    from tools.review import viewer
+
+    if screenshot is not None:
+        doing("drawing the picture")
+        viewer.screenshot(drawn, drawn.with_suffix(".png"), moment_s)
+        _put(drawn.with_suffix(".png"), screenshot, "--screenshot")
+    if save is not None:
+        _put(drawn, save, "--save")
+    if save is None and screenshot is None:
+        doing("opening the viewer")
+        viewer.open_window(drawn, moment_s)
+
+
+def _put(source: Path, out: Path, option: str) -> None:
+    """Copy a file to its place, whole or not at all."""
+    import shutil
+
+    from flight_sw.errors import RecordingError
+
+    part = out.with_name(out.name + ".part")
+    try:
+        shutil.copyfile(source, part)
+        part.replace(out)
+    except OSError as error:
+        raise RecordingError(f"{option} {out}: cannot be written, {error.strerror}") from error
+    print(out)
+
+
+def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> None:
+    """Refuse a wrong name, and to replace what is there, before anything is read."""
+    from flight_sw.errors import RecordingError
+
+    for option, out, suffix in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
+        if out is None:
+            continue
+        if out.suffix != suffix:
+            raise RecordingError(f"{option} {out}: allowed is a name that ends in {suffix}")
+        if out.exists() and not force:
+            raise RecordingError(f"{option} {out}: exists already, --force replaces it")
+        if not out.parent.is_dir():
+            raise RecordingError(f"{option} {out}: there is no folder {out.parent}")
+
+
+def _recording_of(path: Path) -> Path:
+    """The recording that is meant: a folder stands for the one in it."""
+    return path / RECORDING_NAME if path.is_dir() else path
+
+
+def _tell_gaps(flights: "list[FlightData]") -> None:
+    """What is missing of a flight, a line each on stderr."""
+    for flight in flights:
+        recording = flight.recording
+        gaps = list(flight.gaps)
+        if not recording.is_complete:
+            gaps.insert(0, f"incomplete, shown is the flight until {recording.until_s:.2f} s")
+        if recording.missing_minor_frames:
+            gaps.append(f"{recording.missing_minor_frames:,} minor frames are missing in it")
+        for gap in gaps:
+            sys.stderr.write(f"{recording.path}: {gap}\n")
+
+
+class _Doing:
+    """Says on a terminal what takes its time."""
+
+    def __enter__(self) -> "_Doing":
+        from rich.console import Console
+
+        self._status = Console(stderr=True).status("") if sys.stderr.isatty() else None
+        if self._status:
+            self._status.start()
+        return self
+
+    def __call__(self, text: str) -> None:
+        """Show what is done now."""
+        if self._status:
+            self._status.update(text)
+
+    def __exit__(self, *_: object) -> None:
+        if self._status:
+            self._status.stop()

@@ -1,0 +1,1 @@
+"""What an entry engineer looks at, in Rerun: the review of recorded flights, and the live view."""

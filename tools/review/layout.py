@@ -1,0 +1,140 @@
+"""The blueprint: which views there are, and where they stand."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tools.review import globe
+from tools.review.chart import Chart
+from tools.review.panels import BUS, ENTRY, FLIGHTS, GUIDANCE, TRAJECTORY, Panel
+from tools.review.stage import TIMELINE
+
+F8 = npt.NDArray[np.float64]
+COLUMNS = 3
+BACKGROUND = (14, 17, 22)
+ROOM = 1.12  # of a limit: how far a plot reaches beyond it
+TIME_ROOM = 1.01
+LOG_COLUMNS: list[Any] = ["entitypath", "loglevel", "body"]
+TABS = (ENTRY, TRAJECTORY, GUIDANCE, BUS, FLIGHTS)
+
+
+class Shape(NamedTuple):
+    """What there is to be laid out."""
+
+    panels: Sequence[tuple[Panel, float]]
+    """With the limit that each has to show, in the unit shown; NaN where the viewer may choose."""
+    charts: tuple[Chart, Chart] | None
+    planet: tuple[globe.Body, tuple[F8, F8, F8]] | None
+    until_s: float
+    """End of the time axes; infinite while the flight goes on."""
+    flights: int = 1
+
+
+def time_axis(until_s: float) -> Any:
+    """The whole flight; while it is flown, as much as there is."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    if not np.isfinite(until_s):
+        return rrb.archetypes.TimeAxis()
+    ends = (rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in (0.0, until_s * TIME_ROOM))
+    return rrb.archetypes.TimeAxis(view_range=rr.TimeRange(*ends))
+
+
+def time_view(panel: Panel, top: float, until_s: float) -> Any:
+    """A plot over time; with a limit it begins at 0 and ends above it."""
+    import rerun.blueprint as rrb
+
+    axis = rrb.ScalarAxis(range=(0.0, top * ROOM)) if np.isfinite(top) else None
+    corner = rrb.Corner2D.RightTop if panel.tab == ENTRY else rrb.Corner2D.LeftTop
+    return rrb.TimeSeriesView(
+        origin=f"/{panel.path}",
+        name=panel.heading,
+        axis_y=axis,
+        axis_x=time_axis(until_s),
+        plot_legend=rrb.PlotLegend(corner=corner),
+        background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
+    )
+
+
+def chart_view(chart: Chart) -> Any:
+    """A chart over speed."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=f"/{chart.path}",
+        name=f"{chart.y.title}, over speed",
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(**chart.view_bounds()),
+    )
+
+
+def globe_view(body: globe.Body, eye: tuple[F8, F8, F8]) -> Any:
+    """The planet with the flights over it."""
+    import rerun.blueprint as rrb
+
+    position, target, up = eye
+    return rrb.Spatial3DView(
+        origin=f"/{globe.PATH}",
+        name=f"Track over {body.name}, in the axes of the planet",
+        background=BACKGROUND,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=up
+        ),
+    )
+
+
+def _grid(name: str, views: Sequence[Any]) -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.Grid(*views, name=name, grid_columns=COLUMNS if len(views) > 2 else len(views))
+
+
+def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
+    """The whole review, open at one of its tabs."""
+    import rerun.blueprint as rrb
+
+    plots = {
+        name: [
+            time_view(panel, top, shape.until_s) for panel, top in shape.panels if panel.tab == name
+        ]
+        for name in (ENTRY, TRAJECTORY, GUIDANCE, BUS)
+    }
+    states = rrb.StateTimelineView(
+        origin="/states",
+        name="Modes and states",
+        time_view=time_axis(shape.until_s),
+    )
+    log = rrb.TextLogView(
+        origin="/log",
+        name="Events",
+        columns=rrb.TextLogColumns(
+            timeline_columns=(TIMELINE,), text_log_columns=LOG_COLUMNS[shape.flights == 1 :]
+        ),
+    )
+    sheet = rrb.TextDocumentView(origin="/sheet", name=FLIGHTS)
+    left = [globe_view(*shape.planet)] if shape.planet else [sheet]
+    middle = [chart_view(chart) for chart in shape.charts or ()]
+    first = rrb.Horizontal(
+        rrb.Vertical(*left, states, log, row_shares=[5, 3, 2]),
+        *([rrb.Vertical(*middle)] if middle else []),
+        rrb.Vertical(*plots[ENTRY]),
+        column_shares=[5, 4, 4] if middle else [1, 1],
+        name=ENTRY,
+    )
+    tabs: list[Any] = [first]
+    tabs += [_grid(name, plots[name]) for name in (TRAJECTORY, GUIDANCE, BUS) if plots[name]]
+    if shape.planet:
+        tabs.append(rrb.Vertical(sheet, name=FLIGHTS))
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=[t.name for t in tabs].index(tab)),
+        rrb.TopPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        auto_views=False,
+        auto_layout=False,
+    )

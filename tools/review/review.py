@@ -1,0 +1,105 @@
+"""A review: flights laid over each other on one stage, with the blueprint that shows them."""
+
+import numpy as np
+
+from tools.review import globe, plots
+from tools.review.chart import Chart
+from tools.review.columns import column, target_of, thinned, truth_fields
+from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
+from tools.review.layout import Shape
+from tools.review.palette import palette
+from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_panels
+from tools.review.sheet import sheet
+from tools.review.source import FlightData
+from tools.review.stage import Stage
+
+LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
+"""Where in PathLimits a limit of the corridor stands."""
+
+
+def plan(flights: list[FlightData]) -> Shape:
+    """Panels, charts and planet that these flights have something for."""
+    wanted: dict[str, Panel] = {panel.path: panel for panel in PANELS}
+    for flight in flights:
+        messages = flight.recording.decoder.messages
+        if target_of(flight) is not None:
+            wanted |= {panel.path: panel for panel in TO_GO}
+        for panel in (*telemetry_panels(messages, truth_fields(flight)), *bus_panels(messages)):
+            wanted.setdefault(panel.path, panel)
+    shown = [panel for panel in wanted.values() if any(_has(panel, f) for f in flights)]
+    panels = [(panel, _top(panel, flights)) for panel in shown]
+    charts = plots.charts_of(flights)
+    over = [f for f in flights if f.planet_radius_m is not None and f.has(*globe.POSITION)]
+    body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
+    planet = (body, globe.eye(over[0].truth, body)) if body is not None else None
+    until_s = max(flight.recording.until_s for flight in flights)
+    return Shape(panels, charts, planet, until_s, len(flights))
+
+
+def _has(panel: Panel, flight: FlightData) -> bool:
+    return any(len(column(flight, line.message, line.field)[0]) for line in panel.lines)
+
+
+def _top(panel: Panel, flights: list[FlightData]) -> float:
+    """What the plot has to reach up to: limits and values; nan leaves it to the viewer."""
+    if not panel.limit:
+        return np.nan
+    limits = [plots.limit_of(panel, flight) for flight in flights]
+    limits = [limit for limit in limits if np.isfinite(limit)]
+    return max(limits, default=np.nan)
+
+
+def peak_s(flight: FlightData) -> float:
+    """When the heat flux was highest; half-way where that is not known."""
+    if flight.has("heat_flux_wpm2"):
+        return float(flight.truth["t_s"][flight.truth["heat_flux_wpm2"].argmax()])
+    return flight.recording.until_s / 2.0
+
+
+def draw(stage: Stage, flights: list[FlightData], shape: Shape) -> None:
+    """Everything of every flight."""
+    stage.name()
+    looks = [palette(number, len(flights)) for number in range(len(flights))]
+    for flight, look in zip(flights, looks, strict=True):
+        for panel, _ in shape.panels:
+            plots.draw_panel(stage, panel, flight, look)
+        plots.draw_states(stage, flight, look)
+        plots.draw_log(stage, flight)
+    if shape.charts is not None:
+        _draw_charts(stage, flights, shape.charts)
+    if shape.planet is not None:
+        _draw_globe(stage, flights, shape.planet[0])
+    stage.still("sheet", stage.rr.TextDocument(sheet(flights), media_type="text/markdown"))
+
+
+def _draw_charts(stage: Stage, flights: list[FlightData], charts: tuple[Chart, Chart]) -> None:
+    for chart in charts:
+        chart.draw_axes(stage)
+    drawn: list[PathLimits] = []
+    for flight in flights:  # the first corridor, and of further ones what they limit otherwise
+        found = plots.corridor_of(flight)
+        if found is not None:
+            known = {
+                name
+                for name, index in LIMIT_INDEX.items()
+                for other in drawn
+                if other[index] == flight.limits[index]
+            }
+            known |= {EQUILIBRIUM} if drawn else set()
+            plots.draw_corridor(stage, charts, found, flight.label if drawn else "", known)
+            drawn.append(flight.limits)
+    for number, flight in enumerate(flights):
+        look = palette(number, len(flights))
+        plots.draw_flight_in_charts(stage, charts, flight, look, number)
+
+
+def _draw_globe(stage: Stage, flights: list[FlightData], body: globe.Body) -> None:
+    globe.draw_body(stage, body)
+    for number, flight in enumerate(flights):
+        if not flight.has(*globe.POSITION):
+            continue
+        look = palette(number, len(flights))
+        globe.draw_track(stage, flight.label, flight.truth, body, look)
+        moving = flight.truth[thinned(flight.truth["t_s"], globe.MOVING_HZ)]
+        globe.draw_vehicle(stage, flight.label, moving, body, look)
+        globe.draw_places(stage, globe.places_of(flight.tables, body.radius_km), body)

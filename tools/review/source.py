@@ -1,0 +1,137 @@
+"""A recorded flight as the review takes it: truth, messages, log, and the mission that was flown.
+
+What a recording lacks (a killed writer, another version, no mission attached) is left out of the
+review and named in `gaps`; nothing is assumed in its place.
+"""
+
+import functools
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.errors import AeroshellError, RecordingError
+from sim_harness.mission import Mission, load_mission
+from sim_harness.telemetry.reader import Recording, open_recording
+from tools.review.corridor import PathLimits
+
+F8 = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.void]
+Column = npt.NDArray[Any]
+
+MISSION_SUFFIX = ".toml"
+OVERRIDES = "overrides"  # of the manifest: mission keys set for this flight, as JSON
+SAME_RADIUS = 1e-3  # of a planet, between flights that are laid over each other
+
+
+def labels_of(paths: list[Path]) -> list[str]:
+    """A short name for each flight, all different: its folder's, where its file says nothing."""
+    names = []
+    for path in paths:
+        parent = path.resolve().parent.name
+        names.append(parent if path.stem == "flight" and parent else path.stem)
+    for i, name in enumerate(names):
+        if names.count(name) > 1:
+            names[i] = f"{name} ({i + 1})"
+    return names
+
+
+class FlightData:
+    """One flight."""
+
+    def __init__(self, label: str, recording: Recording) -> None:
+        self.label = label
+        self.recording = recording
+        self.gaps: list[str] = []
+        self.mission = self._mission()
+        self.limits = limits_of(self.mission)
+        self.world = None if self.mission is None else self.mission.world()[0]
+        self.planet_radius_m = None if self.mission is None else self.mission.planet.radius_km * 1e3
+
+    @property
+    def truth(self) -> Rows:
+        """The sampled truth."""
+        return self.recording.truth
+
+    def has(self, *names: str) -> bool:
+        """Whether the truth was recorded with these fields."""
+        return len(self.truth) > 1 and set(names) <= set(self.truth.dtype.names or ())
+
+    @functools.lru_cache(maxsize=64)  # noqa: B019 - a review ends with its process
+    def message(self, name: str) -> tuple[F8, Mapping[str, Column]]:
+        """Times and signals of a message; without rows where there is no such message."""
+        if name not in {message.name for message in self.recording.decoder.messages}:
+            return np.zeros(0), {}
+        return self.recording.message(name)
+
+    @property
+    def end_speed_mps(self) -> float:
+        """Where the mission ends; 0 if it does not end by speed."""
+        return 0.0 if self.mission is None else self.mission.end.speed_mps
+
+    @functools.cached_property
+    def tables(self) -> dict[str, Any]:
+        """The mission file as it was attached."""
+        import tomllib
+
+        try:
+            return tomllib.loads(self.recording.attachment(MISSION_SUFFIX).decode())
+        except (RecordingError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+            return {}
+
+    def _mission(self) -> Mission | None:
+        """The mission from what is attached, with the overrides it was flown with."""
+        attachments = self.recording.attachments
+        names = [name for name in attachments if name.endswith(MISSION_SUFFIX)]
+        if len(names) != 1:
+            self.gaps.append("no mission is attached: no planet, limits and corridor")
+            return None
+        try:
+            overrides = json.loads(self.recording.manifest.get(OVERRIDES, "{}"))
+            with tempfile.TemporaryDirectory() as folder:
+                root = Path(folder)
+                for name, content in attachments.items():
+                    if (path := root / name).resolve().is_relative_to(root.resolve()):
+                        path.parent.mkdir(parents=True, exist_ok=True)
+                        path.write_bytes(content)
+                return load_mission(root / names[0], overrides)
+        except (AeroshellError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            self.gaps.append(f"its mission is not understood, {reason}: no planet and limits")
+            return None
+
+
+def limits_of(mission: Mission | None) -> PathLimits:
+    """The path limits in SI; none without a mission."""
+    if mission is None:
+        return PathLimits(np.inf, np.inf, np.inf)
+    limits = mission.limits
+    return PathLimits(
+        limits.heat_flux_max_kwpm2 * 1e3,
+        limits.load_factor_max_g,
+        limits.dynamic_pressure_max_kpa * 1e3,
+    )
+
+
+def open_flights(paths: list[Path]) -> list[FlightData]:
+    """The flights of a review; flights over different planets are not laid over each other."""
+    flights = [
+        FlightData(label, open_recording(path))
+        for label, path in zip(labels_of(paths), paths, strict=True)
+    ]
+    for path, flight in zip(paths, flights, strict=True):
+        if not len(flight.truth) and not len(flight.recording.bus):
+            raise RecordingError(f"{path}: holds no frame and no sample, there is nothing to show")
+    known = [(p, f) for p, f in zip(paths, flights, strict=True) if f.planet_radius_m]
+    for path, flight in known[1:]:
+        first, own = float(known[0][1].planet_radius_m or 0), float(flight.planet_radius_m or 0)
+        if abs(own - first) > SAME_RADIUS * first:
+            raise RecordingError(
+                f"{path}: was flown over a planet of {own / 1e3:,.1f} km radius, {known[0][0]} "
+                f"over one of {first / 1e3:,.1f} km; flights of one planet lie over each other"
+            )
+    return flights

@@ -1,0 +1,155 @@
+"""Rerun's viewer as a process: opened for a person, or without a window for a picture."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from flight_sw.errors import AeroshellError
+from tools.review.stage import TIMELINE
+
+WINDOW = (1920, 1080)
+START_S, LOAD_S, NOTICES_S = (
+    30.0,
+    60.0,
+    9.0,
+)  # longest waits; how long a notice stays in the picture
+LOOK_S = 0.25
+ENVIRONMENT = {"RERUN_APP_ONLY": "true"}
+
+
+class ViewerError(AeroshellError):
+    """The viewer does not run here."""
+
+
+def executable() -> str:
+    """The viewer's program: beside this Python, or on the path."""
+    beside = Path(sysconfig.get_path("scripts")) / "rerun"
+    found = str(beside) if beside.is_file() else shutil.which("rerun")
+    if found is None:
+        raise ViewerError("the Rerun viewer is not installed, `pip install rerun-sdk` brings it")
+    return found
+
+
+def free_port() -> int:
+    """A port that nothing listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def needs_display() -> bool:
+    """Whether a window cannot be opened here."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return sys.platform == "linux" and not any(os.environ.get(name) for name in names)
+
+
+def start(arguments: list[str], log: Any) -> "subprocess.Popen[bytes]":
+    """The viewer with these arguments, its messages going to `log`."""
+    return subprocess.Popen(
+        [executable(), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        env={**os.environ, **ENVIRONMENT},
+        start_new_session=True,
+    )
+
+
+def open_window(file: Path, at_s: float) -> None:
+    """Open the viewer with a review, at a mission time, and leave it to its user."""
+    if needs_display():
+        raise ViewerError(
+            "no display to open a window on; --save FILE.rrd keeps the review, "
+            "--screenshot FILE.png draws it without one"
+        )
+    port = free_port()
+    with tempfile.TemporaryFile() as log:
+        process = start(["--port", str(port), "--hide-welcome-screen", str(file)], log)
+        client = _connected(process, port, log)
+        _await_loaded(client, process)
+        client.set_time(TIMELINE, duration=at_s, play_state="paused")
+
+
+def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WINDOW) -> None:
+    """Draw a review at one mission time, without a window."""
+    port = free_port()
+    size = f"{window[0]}x{window[1]}"
+    options = ["--headless", "--window-size", size, "--port", str(port), "--hide-welcome-screen"]
+    with tempfile.TemporaryFile() as log:
+        began_s = time.monotonic()
+        process = start([*options, str(file)], log)
+        try:
+            client = _connected(process, port, log)
+            _await_loaded(client, process)
+            client.set_time(TIMELINE, duration=at_s, play_state="paused")
+            time.sleep(max(began_s + NOTICES_S - time.monotonic(), 1.0))
+            client.save_screenshot(str(out.resolve()))
+            _await_file(out, process)
+        except RuntimeError as error:
+            raise ViewerError(f"the Rerun viewer gave no picture: {error}") from error
+        finally:
+            end(process)
+
+
+def end(process: "subprocess.Popen[bytes]") -> None:
+    """End a viewer of ours."""
+    process.terminate()
+    try:
+        process.wait(timeout=5.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
+    """A client of the viewer once it listens."""
+    from rerun.experimental import ViewerClient
+
+    deadline_s = time.monotonic() + START_S
+    while time.monotonic() < deadline_s:
+        if process.poll() is not None:
+            break
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        time.sleep(LOOK_S)
+    log.seek(0)
+    why = _last_line(log.read())
+    raise ViewerError(
+        f"the Rerun viewer did not start ({why}); it needs a display or, without a window, "
+        "a Vulkan driver: Debian's mesa-vulkan-drivers has one that needs no graphics card"
+    )
+
+
+def _await_loaded(client: Any, process: "subprocess.Popen[bytes]") -> None:
+    deadline_s = time.monotonic() + LOAD_S
+    while time.monotonic() < deadline_s and process.poll() is None:
+        state = client.get_state()
+        if state.recordings and not state.loading:
+            return
+        time.sleep(LOOK_S)
+    raise ViewerError(f"the Rerun viewer did not load the review within {LOAD_S:g} s")
+
+
+def _await_file(path: Path, process: "subprocess.Popen[bytes]") -> None:
+    deadline_s = time.monotonic() + START_S
+    size = -1
+    while time.monotonic() < deadline_s and process.poll() is None:
+        if path.exists() and path.stat().st_size == size > 0:
+            return
+        size = path.stat().st_size if path.exists() else -1
+        time.sleep(LOOK_S)
+    raise ViewerError("the Rerun viewer wrote no picture")
+
+
+def _last_line(content: bytes) -> str:
+    lines = [line for line in content.decode(errors="replace").splitlines() if line.strip()]
+    told = next((line for line in lines if "panicked" in line or "ERROR" in line), "")
+    return (told or (lines[-1] if lines else "it said nothing")).strip()
