@@ -106,6 +106,9 @@ def campaign(
     fail_on_verdict: Annotated[
         bool, typer.Option("--fail-on-verdict", help="exit 1 unless every requirement is met")
     ] = False,
+    reported: Annotated[
+        bool, typer.Option("--report/--no-report", help="write report.html when all are flown")
+    ] = True,
 ) -> None:
     """Fly a campaign; killed and started again, it goes on where it was."""
     from tools.campaign.engine import run_campaign
@@ -115,6 +118,8 @@ def campaign(
     folder = _folder(out, mission, law, dispersions)
     with ProgressOfMany(quiet=as_json) as progress:
         flown = run_campaign(wanted, folder, jobs, progress, cluster)
+    if reported:
+        _report(folder)
     if as_json:
         told: dict[str, Any] = {k: v for k, v in flown.manifest.items() if k != "job"}
         print(json.dumps(told, indent=1))
@@ -122,6 +127,16 @@ def campaign(
         _show(flown)
     if fail_on_verdict and not flown.manifest["verdict"]["all_met"]:
         raise typer.Exit(1)
+
+
+def _report(folder: Path) -> None:
+    """The campaign's own report, new each time the campaign is gone on with."""
+    from tools.commands.report import command_of
+    from tools.doing import Doing
+    from tools.report.page import REPORT, write_report
+
+    with Doing() as doing:
+        write_report([folder], folder / REPORT, command_of([folder], None), doing)
 
 
 def _show(flown: "Campaign") -> None:

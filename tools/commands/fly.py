@@ -17,6 +17,13 @@ SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
+TelemetryRate = Annotated[
+    float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
+]
+BusAddress = Annotated[
+    str, typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE")
+]
+
 
 MissionName = Annotated[
     str | None, typer.Argument(help="a shipped mission, or the path of a mission TOML")
@@ -86,15 +93,37 @@ def check_bus(bus: str, factor: float, synchronisation: str, *, external_compute
         raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
 
 
+def checked_rate(rate_hz: float) -> float:
+    """The rate of telemetry in a recording, refused before anything is flown."""
+    from flight_sw.errors import RecordingError
+    from sim_harness.telemetry.writer import RATE_MAX_HZ
+
+    if not 0.0 < rate_hz <= RATE_MAX_HZ:
+        raise RecordingError(
+            f"--telemetry-rate {rate_hz:g}: allowed are above 0 to {RATE_MAX_HZ:g} Hz"
+        )
+    return rate_hz
+
+
 def _manifest(run: "FlightRun") -> dict[str, str]:
+    import uuid
     from importlib.metadata import version
+    from platform import python_version
 
     from sim_harness.mission import differences
+    from sim_harness.summary import pace_text
+    from sim_harness.telemetry.reader import RECORDING_KEY
 
     plan = run.plan
     return {
         "project": "aeroshell",
         "version": version("aeroshell"),
+        **{name: version(name) for name in ("numba", "numpy")},
+        "python": python_version(),
+        RECORDING_KEY: uuid.uuid4().hex,
+        "period_s": repr(plan.mission.dt_s),
+        "pace": pace_text(plan.pace),
+        "synchronisation": plan.synchronisation,
         "mission": plan.mission.name,
         "law": run.image.law,
         "bus": plan.bus,
@@ -127,11 +156,14 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     from flight_sw.errors import AeroshellError
     from sim_harness.bus_flight import fly_bus
     from sim_harness.flight import fly_memory
+    from sim_harness.telemetry.reader import RECORDING_KEY
     from tools.recording import FlightRecorder
 
     with ExitStack() as resources:
         if folder is not None:
-            recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
+            path, manifest = folder / RECORDING_NAME, _manifest(run)
+            recorder = FlightRecorder(path, manifest, _attachments(run), run.plan.truth_rate_hz)
+            recorder.journal = run.keep_journal(path, manifest[RECORDING_KEY])
             resources.callback(lambda: recorder.close(run))
             run.listeners.append(recorder)
         try:
@@ -153,10 +185,7 @@ def fly(
     campaign: FromCampaign = None,
     run: RunOfIt = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
-    bus: Annotated[
-        str,
-        typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE"),
-    ] = "unix",
+    bus: BusAddress = "unix",
     pace: Annotated[
         str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
     ] = "lockstep",
@@ -174,6 +203,7 @@ def fly(
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
     ] = None,
+    telemetry_rate: TelemetryRate = 10.0,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
@@ -197,6 +227,7 @@ def fly(
         load_path=_load_path(prepared, folder.path),
         bus=bus,
         seed=seed,
+        truth_rate_hz=checked_rate(telemetry_rate),
         recorded=record,
         own_computer=not external_computer,
         pace=factor,
