@@ -7,20 +7,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from flight_sw.errors import FlightError
+from tests.tools.conftest import SHORT
 from tools.campaign import engine
 from tools.campaign.engine import run_campaign
-from tools.campaign.plan import Wanted
 from tools.campaign.profiles import PROFILES, SPOOL
 from tools.campaign.store import JOURNAL, RESULTS
 
 pytestmark = pytest.mark.jit_only
 
-SHORT = Wanted("hyperion-1", "sensitivity", 6, 1, "lqy", ("end.time_max_s=10",))
-
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    return run_campaign(SHORT, tmp_path_factory.mktemp("campaign"), jobs=1)
+def flown(short_campaign):
+    return short_campaign
 
 
 def content(folder: Path) -> bytes:

@@ -61,7 +61,7 @@ def panels(mission: Mission | None, profiles: Sequence[Profiles]) -> list[Panel]
     ]  # fmt: skip
     if not math.isfinite(pressure):
         wanted.pop()
-    return [p for p in wanted if any(np.nanmax(q.fields[p.field]) > 0.0 for q in profiles)]
+    return [p for p in wanted if any((q.fields[p.field] > 0.0).any() for q in profiles)]
 
 
 def limits_of(mission: Mission, profiles: Profiles) -> Corridor | None:
@@ -133,12 +133,14 @@ def _named_limit(axes: Any, panel: Panel, source: Source, top: float) -> None:
 
 
 def draw(sources: Sequence[Source], mission: Mission | None) -> str | None:
-    """The figure; None where no campaign has profiles."""
+    """The figure; None where no campaign has profiles, or its flights were too short for any."""
     having = [source for source in sources if source.profiles is not None]
     profiles = [source.profiles for source in having if source.profiles is not None]
     if not profiles:
         return None
     shown = panels(mission, profiles)
+    if not shown:
+        return None
     rows = -(-len(shown) // 2)
     lines = limits_of(mission, profiles[0]) if mission else None
     with figure(3.1 * rows, rows, 2) as (drawn, grid):
