@@ -1,11 +1,10 @@
 """Rerun's viewer as a process: opened for a person, or without a window for a picture."""
 
+import importlib.util
 import os
-import shutil
 import socket
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import time
 from pathlib import Path
@@ -29,12 +28,12 @@ class ViewerError(AeroshellError):
 
 
 def executable() -> str:
-    """The viewer's program: beside this Python, or on the path."""
-    beside = Path(sysconfig.get_path("scripts")) / "rerun"
-    found = str(beside) if beside.is_file() else shutil.which("rerun")
-    if found is None:
-        raise ViewerError("the Rerun viewer is not installed, `pip install rerun-sdk` brings it")
-    return found
+    """The viewer's own program: the `rerun` on the path is a script that starts it as its child."""
+    package = importlib.util.find_spec("rerun_cli")
+    for folder in (package.submodule_search_locations or []) if package else []:
+        if (program := Path(folder) / "rerun").is_file():
+            return str(program)
+    raise ViewerError("the Rerun viewer is not installed, `pip install rerun-sdk` brings it")
 
 
 def free_port() -> int:
