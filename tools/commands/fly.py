@@ -4,13 +4,14 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
+    from tools.review.live import LiveView
 
 RUNS = Path("runs")
 SEED_MAX = 2**63 - 1
@@ -169,6 +170,10 @@ def fly(
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
+    live: Annotated[bool, typer.Option("--live", help="show the flight in a Rerun viewer")] = False,
+    viewer: Annotated[
+        str | None, typer.Option(metavar="URL", help="--live, in a viewer that is open already")
+    ] = None,
     external_computer: Annotated[
         bool,
         typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
@@ -189,12 +194,13 @@ def fly(
         load_path=_load_path(prepared, folder.path),
         bus=bus,
         seed=seed,
-        recorded=record,
+        recorded=record or live or viewer is not None,
         own_computer=not external_computer,
         pace=factor,
         synchronisation=synchronisation,
     )
-    summary = _fly(plan, folder, as_json)
+    shown = Live(live, viewer)
+    summary = _fly(plan, folder, as_json, shown, record)
     if not as_json:
         _show(summary, prepared, folder.path)
 
@@ -210,7 +216,30 @@ def _load_path(prepared: "Prepared", folder: Path) -> Path:
     return path
 
 
-def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
+class Live(NamedTuple):
+    """Whether the flight is shown while it is flown, and in which viewer: none, a new one."""
+
+    wanted: bool
+    url: str | None
+
+    def view_of(self, run: "FlightRun") -> "LiveView | None":
+        """The listener that shows it, its viewer opened; nothing of Rerun is read without one."""
+        if not self.wanted and self.url is None:
+            return None
+        from tools.review import viewer
+        from tools.review.live import LiveView
+
+        url, process = (viewer.reachable(self.url), None) if self.url else viewer.open_live()
+        return LiveView(run, _manifest(run), url, _tell, process)
+
+
+def _tell(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+
+
+def _fly(
+    plan: "FlightPlan", folder: "Folder", as_json: bool, live: Live, record: bool
+) -> dict[str, Any]:
     """Fly, write the summary, and raise for a flight that was not flown to its end."""
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
@@ -219,12 +248,16 @@ def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
     from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    run = None
+    run, view = None, None
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
             run = FlightRun(plan, [line])
-            failure = fly_and_record(run, folder.path if plan.recorded else None)
+            view = live.view_of(run)
+            run.listeners += [view] if view else []
+            failure = fly_and_record(run, folder.path if record else None)
     finally:
+        if view is not None:
+            view.close()
         if run is None or run.harness["truth"]["minor_frames"][0] == 0:
             folder.discard()
         else:

@@ -69,7 +69,8 @@ def _draw_margin(stage: Stage, panel: Panel, flight: FlightData, look: Palette) 
     """The limit, and for a flight alone the room below it: a zigzag line, so dense that it is a
     shade."""
     limit = limit_of(panel, flight)
-    if not np.isfinite(limit) or (panel.path, limit) in stage.drawn:
+    is_known = (panel.path, limit) in stage.drawn and not stage.is_live
+    if not np.isfinite(limit) or is_known:
         return
     stage.drawn.add((panel.path, limit))
     t_s, values = columns.column(flight, "", LIMIT_UNITS[panel.limit])

@@ -1,6 +1,7 @@
 """A review: flights laid over each other on one stage, with the blueprint that shows them."""
 
 import numpy as np
+import numpy.typing as npt
 
 from tools.review import globe, plots
 from tools.review.chart import Chart
@@ -12,6 +13,8 @@ from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_pane
 from tools.review.sheet import sheet
 from tools.review.source import FlightData
 from tools.review.stage import Stage
+
+F8 = npt.NDArray[np.float64]
 
 LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
 """Where in PathLimits a limit of the corridor stands."""
@@ -27,11 +30,11 @@ def plan(flights: list[FlightData]) -> Shape:
         for panel in (*telemetry_panels(messages, truth_fields(flight)), *bus_panels(messages)):
             wanted.setdefault(panel.path, panel)
     shown = [panel for panel in wanted.values() if any(_has(panel, f) for f in flights)]
-    panels = [(panel, _top(panel, flights)) for panel in shown]
+    panels = [(panel, top_of(panel, flights)) for panel in shown]
     charts = plots.charts_of(flights)
     over = [f for f in flights if f.planet_radius_m is not None and f.has(*globe.POSITION)]
     body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
-    planet = (body, globe.eye(over[0].truth, body)) if body is not None else None
+    planet = (body, _eye(over[0], body)) if body is not None else None
     until_s = max(flight.recording.until_s for flight in flights)
     return Shape(panels, charts, planet, until_s, len(flights))
 
@@ -40,13 +43,17 @@ def _has(panel: Panel, flight: FlightData) -> bool:
     return any(len(column(flight, line.message, line.field)[0]) for line in panel.lines)
 
 
-def _top(panel: Panel, flights: list[FlightData]) -> float:
-    """What the plot has to reach up to: limits and values; nan leaves it to the viewer."""
+def top_of(panel: Panel, flights: list[FlightData]) -> float:
+    """What a plot has to reach up to; NaN leaves it to the viewer."""
     if not panel.limit:
         return np.nan
     limits = [plots.limit_of(panel, flight) for flight in flights]
     limits = [limit for limit in limits if np.isfinite(limit)]
     return max(limits, default=np.nan)
+
+
+def _eye(flight: FlightData, body: globe.Body) -> tuple[F8, F8, F8]:
+    return globe.eye(globe.track_km(flight.truth, body.radius_km), body)
 
 
 def peak_s(flight: FlightData) -> float:

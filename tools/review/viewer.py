@@ -9,6 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
 from tools.review.stage import TIMELINE
@@ -19,7 +20,8 @@ START_S, LOAD_S, NOTICES_S = (
     60.0,
     9.0,
 )  # longest waits; how long a notice stays in the picture
-LOOK_S = 0.25
+LOOK_S, ANSWER_S = 0.25, 3.0
+SCHEMES = ("rerun", "rerun+http", "rerun+https")
 ENVIRONMENT = {"RERUN_APP_ONLY": "true"}
 
 
@@ -59,6 +61,42 @@ def start(arguments: list[str], log: Any) -> "subprocess.Popen[bytes]":
         env={**os.environ, **ENVIRONMENT},
         start_new_session=True,
     )
+
+
+def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
+    """A viewer that waits for a flight: its address and its process."""
+    if needs_display():
+        raise ViewerError(
+            "--live: no display to open a window on; --viewer URL shows the flight elsewhere"
+        )
+    port = free_port()
+    log = tempfile.TemporaryFile()
+    process = start(["--port", str(port), "--hide-welcome-screen"], log)
+    _connected(process, port, log)
+    return address(port), process
+
+
+def reachable(url: str) -> str:
+    """The address of a viewer that is open already, once it has answered."""
+    parts = urlsplit(url)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if parts.scheme not in SCHEMES or not host or not port or parts.path != "/proxy":
+        raise ViewerError(f"--viewer {url}: allowed is an address like {address(9876)}")
+    with socket.socket() as probe:
+        probe.settimeout(ANSWER_S)
+        try:
+            probe.connect((host, port))
+        except OSError as error:
+            raise ViewerError(f"--viewer {url}: no viewer answers there ({error})") from error
+    return url
+
+
+def address(port: int) -> str:
+    """Where a viewer of this machine listens."""
+    return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
 def open_window(file: Path, at_s: float) -> None:
@@ -117,7 +155,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
             break
         with socket.socket() as probe:
             if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+                return ViewerClient.connect(address(port))
         time.sleep(LOOK_S)
     log.seek(0)
     why = _last_line(log.read())
