@@ -72,6 +72,19 @@ def density(atmosphere: Record, alt_m: float) -> float:
 
 
 @kernel
+def log_density_slopes(atmosphere: Record, alt_m: float) -> tuple[float, float]:
+    """First and second derivative of ln(density) over altitude, 1/m and 1/m2.
+
+    Held altitudes keep the slopes of the nearest end: a law that divides by them stays finite.
+    """
+    alt = held_altitude(atmosphere, alt_m)
+    i = interval(atmosphere, alt)
+    c = atmosphere["ln_rho"]
+    x = alt - atmosphere["alt_m"][i]
+    return c[i, 1] + x * (2.0 * c[i, 2] + x * 3.0 * c[i, 3]), 2.0 * c[i, 2] + 6.0 * x * c[i, 3]
+
+
+@kernel
 def sound_speed(atmosphere: Record, alt_m: float) -> float:
     """Speed of sound in m/s."""
     alt = held_altitude(atmosphere, alt_m)

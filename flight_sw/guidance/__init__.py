@@ -11,10 +11,26 @@ from typing import Any
 from numba.extending import overload
 
 from flight_sw.errors import LoadError
-from flight_sw.guidance import lqy, nominal
+from flight_sw.guidance import (
+    drag_observer,
+    drag_state,
+    integrated,
+    lqy,
+    nominal,
+    range_predictor,
+    sag,
+)
 from flight_sw.types_ import Record
 
-LAWS: dict[str, ModuleType] = {"nominal": nominal, "lqy": lqy}
+LAWS: dict[str, ModuleType] = {
+    "nominal": nominal,
+    "lqy": lqy,
+    "drag-state": drag_state,
+    "drag-observer": drag_observer,
+    "range-predictor": range_predictor,
+    "sag": sag,
+    "integrated": integrated,
+}
 
 MARKER = "law_is_"
 """A load's record type has one field of this name and its law's: two laws never share a type."""

@@ -8,10 +8,18 @@ import pytest
 from sim_harness.metrics import METRICS, judge_frame
 from sim_harness.mission import load_mission
 from sim_harness.port import PORT
-from sim_harness.terminal import direction, end_trigger, ranges_rad, terminal_errors, told
+from sim_harness.terminal import (
+    direction,
+    end_trigger,
+    ranges_rad,
+    state_at_end,
+    state_of,
+    terminal_errors,
+    told,
+)
 from sim_harness.vehicle import hold
 from sim_harness.world.records import END_CONDITION, TIME_OUT, TRUTH
-from tests.sim_harness.flights import plain_mission
+from tests.sim_harness.flights import fly, plain_mission
 
 RADIUS_KM = 6378.137
 TARGET = {"longitude_deg": 10.0, "latitude_deg": 0.0, "altitude_km": 10.0, "speed_mps": 500.0}
@@ -56,7 +64,7 @@ def test_errors_have_the_signs_that_are_documented():
     truth["lon_rad"], truth["lat_rad"] = math.radians(9.0), math.radians(-0.5)
     truth["alt_m"], truth["v_rel_mps"] = 10_700.0, 490.0
     mission = plain_mission(target=TARGET, entry__longitude_deg=0.0, entry__latitude_deg=0.0)
-    errors = terminal_errors(mission, truth[0])
+    errors = terminal_errors(mission, state_of(truth[0]))
     # short by a degree over cos(0.5 deg) (4e-5), right of the way, high, slow
     assert errors.downrange_error_km == pytest.approx(RADIUS_KM * math.radians(1.0), rel=1e-3)
     assert errors.crossrange_error_km == pytest.approx(RADIUS_KM * math.radians(0.5))
@@ -66,7 +74,7 @@ def test_errors_have_the_signs_that_are_documented():
 
 def test_without_a_target_no_error_is_told():
     mission = plain_mission()
-    assert set(terminal_errors(mission, mission.truth()[0])) == {None}
+    assert set(terminal_errors(mission, state_of(mission.truth()[0]))) == {None}
 
 
 @pytest.mark.parametrize(
@@ -81,6 +89,23 @@ def test_the_part_of_the_end_condition_that_was_met_is_told(speed_mps, alt_m, tr
     assert end_trigger(world, truth[0], END_CONDITION) == trigger
     assert end_trigger(world, truth[0], TIME_OUT) is None
     assert told(mission, world, truth[0], END_CONDITION)["end_trigger"] == trigger
+
+
+@pytest.mark.parametrize("end, index", [({"altitude_km": 60.0}, 2), ({"speed_mps": 7000.0}, 3)])
+def test_errors_are_those_of_the_moment_at_which_the_end_was_met(end, index):
+    # Frames of 0.1 s: the last one lies up to 40 m below, the state told does not.
+    mission = plain_mission(end=end, guidance__rate_hz=10.0,
+                            vehicle__aerodynamics__drag_coefficient=3.0)  # fmt: skip
+    fine = plain_mission(end=end, guidance__rate_hz=1000.0,
+                         vehicle__aerodynamics__drag_coefficient=3.0)  # fmt: skip
+    states = []
+    for flown in (mission, fine):
+        world, truth = flown.world(), flown.truth()
+        assert fly(world, truth, 0.0, 0.0, 400_000) == END_CONDITION
+        states.append(state_at_end(world[0], truth[0], END_CONDITION))
+    met = 60e3 if index == 2 else 7000.0
+    assert states[0][index] == pytest.approx(met, abs=1e-3)
+    assert states[0] == pytest.approx(states[1], rel=1e-7)
 
 
 def test_an_overridden_target_needs_all_its_keys():

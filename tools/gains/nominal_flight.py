@@ -1,0 +1,276 @@
+"""The nominal flight of a drag-tracking law: solved on the ground, stored as a reference.
+
+The bank is a straight line over speed; its two ends are solved so that the flight, when it has the
+target's speed, is at the target's altitude and range. The flight is planar: the sideways part of
+the lift is left out, as a tracker of drag leaves it to others.
+"""
+
+import hashlib
+import itertools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
+from flight_sw.dictionary import NAV
+from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
+from flight_sw.energy_reference import ROWS
+from flight_sw.errors import DesignError
+from flight_sw.great_circle import WAY, range_flown
+from flight_sw.types_ import Record
+from sim_harness.mission import Mission
+from sim_harness.profile_flight import fly_profile
+from sim_harness.terminal import direction
+from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
+from tools.gains.drag_choices import NominalFlight
+
+Rows = npt.NDArray[np.void]
+GRID_DEG = 6.0  # of the banks that are tried first
+CLOSE_M = 1.0  # of the target, in altitude and range: solved
+HALVINGS_MAX = 8
+ITERATIONS_MAX = 40
+STARTS_TRIED = 6
+APART_DEG = 0.01  # of the finite differences
+
+
+class Flown(NamedTuple):
+    """A profile flown to the target's speed."""
+
+    log: Rows
+    """TRUTH of every frame down to the first at or below that speed."""
+    miss_m: npt.NDArray[np.float64]
+    """Altitude and range above those of the target, at that speed."""
+
+
+class Nominal(NamedTuple):
+    """The solved flight."""
+
+    banks_deg: tuple[float, float]
+    """At the entry's and at the target's speed."""
+    profile: Rows
+    flown: Flown
+
+
+def way_of(mission: Mission, way: Record) -> None:
+    """Writes the great circle from the mission's entry to its target."""
+    target, entry = mission.target, mission.entry
+    if target is None:
+        raise DesignError(
+            f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
+        )
+    start = np.array(direction(*np.radians([entry.longitude_deg, entry.latitude_deg])))
+    there = np.array(direction(*np.radians([target.longitude_deg, target.latitude_deg])))
+    across = there - start * (start @ there)
+    length = float(np.linalg.norm(across))
+    if length < 1e-6:  # a metre or so on any planet
+        raise DesignError(
+            f"{mission.path.name}: target lies at the entry or opposite to it, allowed elsewhere"
+        )
+    for axis, s, a in zip("xyz", start, across / length, strict=True):
+        way[f"cos_start_{axis}"], way[f"cos_ahead_{axis}"] = s, a
+    way["target_m"] = mission.planet.radius_km * 1e3 * math.atan2(length, float(start @ there))
+
+
+class Problem:
+    """Flights of one mission along bank profiles."""
+
+    def __init__(self, mission: Mission, choice: NominalFlight) -> None:
+        self.way = np.zeros(1, WAY.dtype)
+        way_of(mission, self.way[0])
+        assert mission.target is not None
+        self.mission, self.choice, self.target = mission, choice, mission.target
+        self.truth = mission.truth()
+        self.world = mission.world().copy()
+        self.world["dt_s"] = 1.0 / choice.rate_hz
+        self.world["aerodynamics"]["side_lift_ratio"] = 0.0
+        end = self.world["end"]
+        end["speed_mps"], end["alt_m"] = self.target.speed_mps, -math.inf
+        self.log = np.zeros(math.ceil(mission.end.time_max_s * choice.rate_hz) + 2, TRUTH)
+        entry_mps = float(self.truth["v_rel_mps"][0])
+        if not self.target.speed_mps < entry_mps:
+            raise DesignError(
+                f"{mission.path.name}: target.speed_mps is {self.target.speed_mps:g}, "
+                f"allowed below the entry speed {entry_mps:g}"
+            )
+        self.profile = np.zeros(1, BANK_PROFILE.dtype)
+        self.profile["v_fast_mps"], self.profile["v_slow_mps"] = entry_mps, self.target.speed_mps
+        self.refusals: set[str] = set()
+
+    def fly(self, banks_deg: Any) -> Flown | None:
+        """The flight with these banks at entry and target speed; None if it never gets there."""
+        self.profile["bank_fast_rad"], self.profile["bank_slow_rad"] = np.radians(banks_deg)
+        n, outcome = fly_profile(self.world, self.profile, self.truth.copy(), self.log)
+        if outcome != END_CONDITION or n < 2:
+            self.refusals.add(OUTCOMES[outcome])
+            return None
+        before, last = self.log[n - 2], self.log[n - 1]
+        share = (before["v_rel_mps"] - self.target.speed_mps) / (
+            before["v_rel_mps"] - last["v_rel_mps"]
+        )
+        ends = [
+            (float(f["alt_m"]), range_flown(self.way[0], float(self.world["planet"]["radius_m"][0]),
+                                            float(f["lon_rad"]), float(f["lat_rad"])))
+            for f in (before, last)
+        ]  # fmt: skip
+        at = np.array(ends[0]) + share * (np.array(ends[1]) - np.array(ends[0]))
+        miss = at - np.array([self.target.altitude_km * 1e3, self.way["target_m"][0]])
+        return Flown(self.log[:n], miss)
+
+    def starts(self) -> list[tuple[float, float, float]]:
+        """Banks over a coarse grid, nearest miss first."""
+        low, high = self.choice.bank_low_deg, self.choice.bank_high_deg
+        banks = np.linspace(low, high, max(round((high - low) / GRID_DEG), 2) + 1)
+        found = []
+        for fast in banks:
+            for slow in (fast, 0.5 * (fast + low), 0.5 * (fast + high)):
+                if (flown := self.fly((fast, slow))) is not None:
+                    found.append((float(np.linalg.norm(flown.miss_m)), float(fast), float(slow)))
+        return sorted(found)
+
+    def newton(self, banks_deg: npt.NDArray[np.float64]) -> tuple[float, Any]:
+        """Damped Newton from one start: distance from the target and the banks reached."""
+        here = self.fly(banks_deg)
+        if here is None:
+            return math.inf, banks_deg
+        miss = here.miss_m
+        for _ in range(ITERATIONS_MAX):
+            distance = float(np.linalg.norm(miss))
+            if distance < 1e-6:
+                break
+            columns = [self.fly(banks_deg + APART_DEG * np.eye(2)[i]) for i in range(2)]
+            if columns[0] is None or columns[1] is None:
+                break
+            slopes = np.column_stack([(c.miss_m - miss) / APART_DEG for c in columns if c])
+            try:
+                step = -np.linalg.solve(slopes, miss)
+            except np.linalg.LinAlgError:
+                break
+            better = self._shortened(banks_deg, step, distance)
+            if better is None:
+                break
+            banks_deg, miss = better
+        return float(np.linalg.norm(miss)), banks_deg
+
+    def _shortened(self, banks_deg: Any, step: Any, distance: float) -> tuple[Any, Any] | None:
+        """The step, halved until it comes nearer to the target."""
+        for halving in range(HALVINGS_MAX):
+            tried = banks_deg + step / 2.0**halving
+            if tried.min() < self.choice.bank_low_deg or tried.max() > self.choice.bank_high_deg:
+                continue
+            flown = self.fly(tried)
+            if flown is not None and np.linalg.norm(flown.miss_m) < distance:
+                return tried, flown.miss_m
+        return None
+
+
+def solve(mission: Mission, choice: NominalFlight) -> Nominal:
+    """The nominal flight; raises DesignError where no bank linear in speed ends at the target."""
+    problem = Problem(mission, choice)
+    best, banks_deg = math.inf, np.zeros(2)
+    for _, fast, slow in problem.starts()[:STARTS_TRIED]:
+        distance, reached = problem.newton(np.array([fast, slow]))
+        if distance < best:
+            best, banks_deg = distance, reached
+        if best < CLOSE_M:
+            break
+    flown = problem.fly(banks_deg) if math.isfinite(best) else None
+    wanted = (
+        f"{problem.target.altitude_km:g} km, {problem.target.speed_mps:g} m/s, "
+        f"{problem.way['target_m'][0] / 1e3:.2f} km downrange"
+    )
+    if flown is None:
+        raise DesignError(
+            f"{mission.path.name}: no bank between {choice.bank_low_deg:g} and "
+            f"{choice.bank_high_deg:g} deg comes down to {problem.target.speed_mps:g} m/s "
+            f"({', '.join(sorted(problem.refusals))})"
+        )
+    if not best < CLOSE_M:
+        over_km = flown.miss_m / 1e3
+        raise DesignError(
+            f"{mission.path.name}: no bank linear in speed, {choice.bank_low_deg:g} to "
+            f"{choice.bank_high_deg:g} deg, ends at {wanted}; the nearest, {banks_deg[0]:.1f} to "
+            f"{banks_deg[1]:.1f} deg, is {over_km[0]:+.2f} km in altitude and "
+            f"{over_km[1]:+.2f} km in range off"
+        )
+    return Nominal(
+        (float(banks_deg[0]), float(banks_deg[1])),
+        problem.profile.copy(),
+        Flown(flown.log.copy(), flown.miss_m),
+    )
+
+
+KEPT_MAX = 8
+_SOLVED: dict[str, Nominal] = {}
+
+
+def solved(mission: Mission, choice: NominalFlight) -> Nominal:
+    """As `solve`; the last few are kept, since the laws of a design share theirs."""
+    problem = Problem(mission, choice)
+    told = repr((problem.target, choice, mission.end.time_max_s)).encode()
+    digest = hashlib.sha256(told + problem.world.tobytes() + problem.truth.tobytes())
+    key = digest.hexdigest()
+    if key not in _SOLVED:
+        while len(_SOLVED) >= KEPT_MAX:
+            _SOLVED.pop(next(iter(_SOLVED)))
+        _SOLVED[key] = solve(mission, choice)
+    return _SOLVED[key]
+
+
+class Row(NamedTuple):
+    """One row of the reference."""
+
+    energy_jpkg: float
+    drag_mps2: float
+    slope_1pm: float
+    bend_s2pm3: float
+    range_m: float
+
+
+def fix_of(frame: Record) -> Rows:
+    """A navigation fix, shape (1,), that tells the truth of a frame."""
+    nav = np.zeros(1, NAV)
+    for name in NAV.names or ():
+        nav[name] = frame[name]
+    nav["lift_mps2"] = abs(frame["lift_mps2"])
+    return nav
+
+
+def row_of(body: Record, way: Record, profile: Record, frame: Record) -> Row:
+    """Closed-form derivatives of drag over energy at a frame of the nominal flight."""
+    planet = body["onboard"]["planet"]
+    nav = fix_of(frame)[0]
+    drag, v = float(frame["drag_mps2"]), float(frame["v_rel_mps"])
+    dynamics = np.zeros(1, DYNAMICS.dtype)[0]
+    drag_dynamics(planet, body["atmosphere"], nav, drag, float(frame["lift_mps2"]), dynamics)
+    drag_rate = drag * float(dynamics["log_rate_1ps"])
+    cos_bank = math.cos(nominal_bank(profile, v))
+    drag_accel = float(dynamics["free_mps4"]) + float(dynamics["authority_mps4"]) * cos_bank
+    energy_rate = -v * drag
+    energy_accel = -(float(dynamics["speed_rate_mps2"]) * drag + v * drag_rate)
+    slope = drag_rate / energy_rate
+    return Row(
+        jacobi_energy(planet, float(frame["alt_m"]), float(frame["lat_rad"]), v),
+        drag,
+        slope,
+        (drag_accel - slope * energy_accel) / energy_rate**2,
+        range_flown(
+            way, float(planet["radius_m"]), float(frame["lon_rad"]), float(frame["lat_rad"])
+        ),
+    )
+
+
+def reference_rows(body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> list[Row]:
+    """The reference in order of ascending energy, evenly spaced in time."""
+    log = nominal.flown.log
+    felt = np.flatnonzero(log["drag_mps2"] >= choice.drag_first_mps2)
+    if felt.size < 2:
+        raise DesignError(
+            f"the nominal flight never feels drag_first_mps2 {choice.drag_first_mps2:g}"
+        )
+    frames = np.linspace(felt[0], len(log) - 1, ROWS).round().astype(int)
+    rows = [row_of(body, way, nominal.profile[0], log[i]) for i in np.unique(frames)][::-1]
+    if any(b.energy_jpkg <= a.energy_jpkg for a, b in itertools.pairwise(rows)):
+        raise DesignError("the energy of the nominal flight does not fall from row to row")
+    return rows
