@@ -110,7 +110,6 @@ def test_without_a_display_a_window_is_refused_before_the_flight(
     assert "no display to open a window on" in told
 
 
-@pytest.mark.usefixtures("impatient")
 def test_the_live_view_draws_what_was_flown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

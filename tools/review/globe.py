@@ -270,9 +270,11 @@ def track_ahead(truth: Rows, body: Body) -> F8:
 
 def eye(track: F8, body: Body) -> tuple[F8, F8, F8]:
     """Where to look from, what at, and what is up: the whole track from its side."""
-    middle = track[len(track) // 2]
     chord = track[-1] - track[0]
-    up = middle / np.linalg.norm(middle)
+    between = track[0] + track[-1]
+    half_way = float(np.linalg.norm(between))
+    up = (between if half_way > 0.0 else track[0]) / (half_way or float(np.linalg.norm(track[0])))
+    middle = up * float(np.linalg.norm(track[len(track) // 2]))
     along = chord - (chord @ up) * up
     length = float(np.linalg.norm(along))
     along = along / length if length > 0.0 else np.cross(up, [0.0, 0.0, 1.0])

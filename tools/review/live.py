@@ -34,7 +34,7 @@ F8 = npt.NDArray[np.float64]
 
 EVERY_S = 0.5  # of the clock, between two looks at the queue
 QUEUE_BYTES = 32 * 1024 * 1024  # three lockstep flights of a quarter of an hour
-SENT_WITHIN_S, LAST_WITHIN_S = 1.0, 5.0
+SENT_WITHIN_S, LAST_WITHIN_S = 1.0, 10.0
 CORRIDOR_EVERY = 4  # looks: corridor and track are drawn anew
 NICE = 10
 GONE = "live view: the viewer is gone, the flight goes on"

@@ -9,7 +9,7 @@ from tools.review.columns import column, target_of, thinned, truth_fields
 from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
 from tools.review.layout import Shape
 from tools.review.palette import palette
-from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_panels
+from tools.review.panels import GUIDANCE, IDLE, PANELS, TO_GO, Panel, bus_panels, telemetry_panels
 from tools.review.sheet import sheet
 from tools.review.source import FlightData
 from tools.review.stage import Stage
@@ -40,7 +40,13 @@ def plan(flights: list[FlightData]) -> Shape:
 
 
 def _has(panel: Panel, flight: FlightData) -> bool:
-    return any(len(column(flight, line.message, line.field)[0]) for line in panel.lines)
+    """Whether there is something to see: of telemetry more than the truth beside it, and of an
+    angle or a heat flux that the mission has more than zeros."""
+    lines = [line for line in panel.lines if line.message or panel.tab != GUIDANCE]
+    found = [column(flight, line.message, line.field)[1] for line in lines]
+    if panel.path in IDLE:
+        return any(values.any() for values in found)
+    return any(len(values) for values in found)
 
 
 def top_of(panel: Panel, flights: list[FlightData]) -> float:
@@ -57,9 +63,10 @@ def _eye(flight: FlightData, body: globe.Body) -> tuple[F8, F8, F8]:
 
 
 def peak_s(flight: FlightData) -> float:
-    """When the heat flux was highest; half-way where that is not known."""
-    if flight.has("heat_flux_wpm2"):
-        return float(flight.truth["t_s"][flight.truth["heat_flux_wpm2"].argmax()])
+    """When the heat flux was highest, or the load; half-way where neither is known."""
+    for name in ("heat_flux_wpm2", "load_factor_g"):
+        if flight.has(name) and flight.truth[name].any():
+            return float(flight.truth["t_s"][flight.truth[name].argmax()])
     return flight.recording.until_s / 2.0
 
 

@@ -8,13 +8,17 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
 from tools.review.stage import TIMELINE
 
-WINDOW = (1920, 1080)
+if TYPE_CHECKING:
+    from sim_harness.flight import FlightRun
+    from tools.review.live import LiveView
+
+WINDOW = (1760, 990)
 START_S, LOAD_S, NOTICES_S = (
     30.0,
     60.0,
@@ -74,6 +78,26 @@ def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
     process = start(["--port", str(port), "--hide-welcome-screen"], log)
     _connected(process, port, log)
     return address(port), process
+
+
+class Live(NamedTuple):
+    """Whether a flight is shown while it is flown, and in which viewer; none: a new one."""
+
+    is_wanted: bool
+    url: str | None
+
+    def view_of(self, run: "FlightRun", manifest: dict[str, str]) -> "LiveView | None":
+        """The listener that shows it, its viewer opened; nothing of Rerun is read without one."""
+        if not self.is_wanted and self.url is None:
+            return None
+        from tools.review.live import LiveView
+
+        url, process = (reachable(self.url), None) if self.url else open_live()
+        return LiveView(run, manifest, url, _tell, process)
+
+
+def _tell(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
 
 
 def reachable(url: str) -> str:
