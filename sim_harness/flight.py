@@ -240,9 +240,9 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     """The harness's records at entry, shape (1,)."""
     mission = plan.mission
     harness = np.zeros(1, HARNESS)
-    harness["world"] = mission.world()
+    harness["world"] = mission.world(plan.seed)
     harness["codec"] = load["codec"]
-    harness["truth"] = mission.truth()
+    harness["truth"] = mission.truth(plan.seed)
     harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]
     harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))
