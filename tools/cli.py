@@ -22,6 +22,7 @@ from tools.commands import (
     missions,
     replay,
     report,
+    reproduce,
     review,
     timing,
 )
@@ -48,6 +49,7 @@ app.command()(report.report)
 app.command()(timing.timing)
 app.add_typer(bench.app, name="bench")
 app.add_typer(bus.app, name="bus")
+app.add_typer(reproduce.app, name="reproduce")
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

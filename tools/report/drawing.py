@@ -89,11 +89,11 @@ def limit_line(axes: Any, value: float, text: str, *, upright: bool) -> None:
         )  # fmt: skip
 
 
-def off_panel(axes: Any, text: str) -> None:
+def off_panel(axes: Any, text: str, at: str = "top") -> None:
     """Say of a limit that lies outside the panel."""
     axes.annotate(
-        text, (0.99, 0.99), xycoords="axes fraction", ha="right", va="top", fontsize=7.5,
-        color=LIMIT,
+        text, (0.99, 0.99 if at == "top" else 0.02), xycoords="axes fraction", ha="right", va=at,
+        fontsize=7.5, color=LIMIT,
     )  # fmt: skip
 
 

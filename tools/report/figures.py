@@ -79,7 +79,7 @@ def distributions(sources: Sequence[Source], plotted: Sequence[Plotted]) -> str:
                 if whole and _near(value, np.concatenate(whole)):
                     limit_line(axes, value, text, upright=True)
                 else:
-                    off_panel(axes, f"{text}, off the panel")
+                    off_panel(axes, f"{text}, off the panel", "bottom")
             axes.set_xlabel(what.name.label)
             axes.set_ylim(-0.02, 1.02)
             axes.set_yticks(*SHARES)
