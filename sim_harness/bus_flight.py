@@ -31,7 +31,7 @@ from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightPlan, FlightRun
 from sim_harness.jit import kernel
 from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
-from sim_harness.pacing import fly_in_real_time, punctuality
+from sim_harness.pacing import fly_in_real_time, punctuality, stolen_s
 from sim_harness.port import take
 
 BOOT = icd.slot("FSW_BOOT")
@@ -197,13 +197,13 @@ class BusFlight:
         run = self.run
         if run.plan.pace > 0.0:
             lock_memory(MCL_CURRENT)  # what the loop uses is there; whoever drains it may grow
-            allowed = leave_processor(self.processor)
+            allowed, before_s = leave_processor(self.processor), stolen_s()
             try:
                 run.fly_beside(self.fly_paced)
             finally:
                 os.sched_setaffinity(0, allowed)
                 unlock_memory()
-                run.punctuality = punctuality(run)
+                run.punctuality = punctuality(run, before_s)
         else:
             run.fly(lambda: self.chunk(run.chunk_cycles))
 

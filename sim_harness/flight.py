@@ -267,9 +267,9 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     """The harness's records at entry, shape (1,)."""
     mission = plan.mission
     harness = np.zeros(1, HARNESS)
-    harness["world"] = mission.world()
+    harness["world"] = mission.world(plan.seed)
     harness["codec"] = load["codec"]
-    harness["truth"] = mission.truth()
+    harness["truth"] = mission.truth(plan.seed)
     harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]
     harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))
@@ -292,18 +292,24 @@ def hand_over(loads: Frames, states: Frames, rx: Frames, n_rx: int, tx: Frames) 
     return minor_frame(loads[0], states[0], rx, n_rx, tx)
 
 
-def fly_memory(run: FlightRun) -> None:
-    """Fly with the minor frame called in the same compiled loop as the world."""
+def memory_loop(run: FlightRun, timed: bool) -> tuple[Callable[[int], int], Frames, Frames]:
+    """What flies up to so many cycles, the computer's state, and the histogram of its steps."""
     state = new_state(run.image.law)
-    step_time = np.zeros(1, HISTOGRAM)
-    start_s = time.perf_counter()
-    run.waiting("compiling the flight loop for this processor, once")
+    step_time = np.zeros(int(timed), HISTOGRAM)
 
     def chunk(cycles: int) -> int:
         return int(
             fly_in_memory(run.harness, run.load, state, step_time, run.rx, run.tx, run.logs, cycles)
         )
 
+    return chunk, state, step_time
+
+
+def fly_memory(run: FlightRun, timed: bool = True) -> None:
+    """Fly with the minor frame called in the same compiled loop as the world."""
+    start_s = time.perf_counter()
+    run.waiting("compiling the flight loop for this processor, once")
+    chunk, state, step_time = memory_loop(run, timed)
     chunk(0)
     armed = run.request(ARM)
     hand_over(run.load, state, armed, len(armed), run.tx)
@@ -312,14 +318,14 @@ def fly_memory(run: FlightRun) -> None:
     run.fly(lambda: chunk(run.chunk_cycles))
     stop = run.request(STOP)
     hand_over(run.load, state, stop, len(stop), run.tx)
-    counted = state["rx"]["counted"][0]
     run.computer = {
-        "step_time_us": percentiles_us(step_time[0]),
-        "step_time_bins_us": filled_bins_us(step_time[0]),
         "compile_s": round(run.compile_s, 3),
-        "verdicts": verdicts(counted),
+        "verdicts": verdicts(state["rx"]["counted"][0]),
         "incomplete_sets": int(state["incomplete_sets"][0]),
     }
+    if timed:
+        run.computer["step_time_us"] = percentiles_us(step_time[0])
+        run.computer["step_time_bins_us"] = filled_bins_us(step_time[0])
 
 
 def verdicts(counted: npt.NDArray[np.int64]) -> dict[str, int]:

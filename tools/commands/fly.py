@@ -12,18 +12,37 @@ import typer
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
+    from tools.review.viewer import Live
 
 RUNS = Path("runs")
 SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
+ExternalComputer = Annotated[
+    bool,
+    typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
+]
+ShowLive = Annotated[bool, typer.Option("--live", help="show the flight in a Rerun viewer")]
+InViewer = Annotated[
+    str | None, typer.Option(metavar="URL", help="--live, in a viewer that is open already")
+]
 TelemetryRate = Annotated[
     float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
 ]
 BusAddress = Annotated[
     str, typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE")
 ]
+
+
+MissionName = Annotated[
+    str | None, typer.Argument(help="a shipped mission, or the path of a mission TOML")
+]
+FromCampaign = Annotated[
+    Path | None, typer.Option("--from", help="folder of a campaign: fly one run of it again")
+]
+LoadFile = Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")]
+RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
 
 
 class Folder:
@@ -171,10 +190,10 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
 
 
 def fly(
-    mission: Annotated[
-        str, typer.Argument(help="a shipped mission, or the path of a mission TOML")
-    ],
+    mission: MissionName = None,
     *,
+    campaign: FromCampaign = None,
+    run: RunOfIt = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: BusAddress = "unix",
     pace: Annotated[
@@ -187,9 +206,7 @@ def fly(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
     ] = None,
-    load: Annotated[
-        Path | None, typer.Option(help="load image to fly instead of the gains'")
-    ] = None,
+    load: LoadFile = None,
     seed: Annotated[
         int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
@@ -200,16 +217,16 @@ def fly(
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
-    external_computer: Annotated[
-        bool,
-        typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
-    ] = False,
+    live: ShowLive = False,
+    viewer: InViewer = None,
+    external_computer: ExternalComputer = False,
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from sim_harness.flight import FlightPlan
-    from tools.overrides import prepare
+    from tools.review.viewer import Live
 
-    prepared = prepare(mission, law, settings or [], load)
+    own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
+    prepared, seed, then = _what_to_fly(own, campaign, run)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
     folder = Folder(out, prepared.mission.name, prepared.law, force)
@@ -221,14 +238,47 @@ def fly(
         bus=bus,
         seed=seed,
         truth_rate_hz=checked_rate(telemetry_rate),
-        recorded=record,
+        recorded=record or live or viewer is not None,
         own_computer=not external_computer,
         pace=factor,
         synchronisation=synchronisation,
     )
-    summary = _fly(plan, folder, as_json)
+    summary = _fly(plan, folder, as_json, Live(live, viewer), record)
     if not as_json:
         _show(summary, prepared, folder.path)
+    if campaign is not None and run is not None:
+        _compare(campaign, run, then, summary)
+
+
+def _what_to_fly(
+    own: dict[str, Any], campaign: Path | None, run: int | None
+) -> tuple["Prepared", int, dict[str, Any] | None]:
+    """What was asked for with the options of one's own, or a run of a campaign and its result."""
+    from flight_sw.errors import FlightError
+    from tools.campaign.again import again
+    from tools.overrides import prepare
+
+    if campaign is None and own["MISSION"] is None:
+        raise typer.BadParameter("name a mission, or a campaign's folder with --from")
+    if (campaign is None) != (run is None):
+        raise typer.BadParameter("--from and --run go together")
+    if campaign is None or run is None:
+        settings = own["--set"] or []
+        return prepare(own["MISSION"], own["--law"], settings, own["--load"]), own["--seed"], None
+    if given := [name for name, value in own.items() if value]:
+        raise FlightError(f"--from {campaign}: takes no {given[0]}, the campaign says what flew")
+    return again(campaign, run)
+
+
+def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[str, Any]) -> None:
+    """Say whether a run flown again had the commands that it had in its campaign."""
+    from tools.campaign.again import check_same
+
+    if then is None or not then.get("command_sha256"):
+        sys.stderr.write(f"run {run} of {campaign} has no commands there to compare with\n")
+        return
+    check_same(campaign, run, then, now)
+    sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
 
 
 def _load_path(prepared: "Prepared", folder: Path) -> Path:
@@ -242,7 +292,9 @@ def _load_path(prepared: "Prepared", folder: Path) -> Path:
     return path
 
 
-def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
+def _fly(
+    plan: "FlightPlan", folder: "Folder", as_json: bool, live: "Live", record: bool
+) -> dict[str, Any]:
     """Fly, write the summary, and raise for a flight that was not flown to its end."""
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
@@ -251,12 +303,16 @@ def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
     from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    run = None
+    run, view = None, None
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
             run = FlightRun(plan, [line])
-            failure = fly_and_record(run, folder.path if plan.recorded else None)
+            view = live.view_of(run, _manifest(run))
+            run.listeners += [view] if view else []
+            failure = fly_and_record(run, folder.path if record else None)
     finally:
+        if view is not None:
+            view.close()
         if run is None or run.harness["truth"]["minor_frames"][0] == 0:
             folder.discard()
         else:

@@ -127,6 +127,8 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
     for name, value in choice:
         if name.endswith("_deg"):
             record[name.removesuffix("_deg") + "_rad"] = math.radians(value)
+        elif name.endswith("_kwpm2"):
+            record[name.removesuffix("_kwpm2") + "_wpm2"] = value * 1e3
         else:
             record[name] = value
 
@@ -170,6 +172,7 @@ FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
 
 def fill_body(law: str, design: Design, mission: Mission) -> Filled:
     """The body of the load image of one law; raises DesignError where it cannot be designed."""
+    mission = mission.as_modelled()
     body = np.zeros(1, body_spec(law).dtype)
     _common(body[0], law, design, mission)
     return Filled(body, FILLERS[law](body[0], design, mission))
