@@ -9,8 +9,9 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance import drag_observer
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
+from sim_harness.way import fill_way
 from tools.gains.drag_choices import DragTracking, RangePredictor
-from tools.gains.nominal_flight import Nominal, Row, reference_rows, solved, way_of
+from tools.gains.nominal_flight import Nominal, Row, reference_rows, solved
 from tools.gains.observer import fill_observer
 from tools.gains.schema import Design
 
@@ -80,7 +81,7 @@ def fill_tracking(
         update={"entry": mission.entry.model_copy(update={"angle_of_attack_deg": choice.alpha_deg})}
     )
     nominal = solved(believed, design.nominal_flight)
-    way_of(mission, record["way"])
+    fill_way(record["way"], mission)
     rows = reference_rows(body, record["way"], nominal, design.nominal_flight)
     _reference(record["reference"], rows)
     fill_profile(record["profile"], nominal)

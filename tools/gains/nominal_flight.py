@@ -22,7 +22,7 @@ from flight_sw.great_circle import WAY, range_flown
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
 from sim_harness.profile_flight import fly_profile
-from sim_harness.terminal import direction
+from sim_harness.way import fill_way
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag_choices import NominalFlight
 
@@ -53,40 +53,23 @@ class Nominal(NamedTuple):
     flown: Flown
 
 
-def way_of(mission: Mission, way: Record) -> None:
-    """Writes the great circle from the mission's entry to its target."""
-    target, entry = mission.target, mission.entry
-    if target is None:
-        raise DesignError(
-            f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
-        )
-    start = np.array(direction(*np.radians([entry.longitude_deg, entry.latitude_deg])))
-    there = np.array(direction(*np.radians([target.longitude_deg, target.latitude_deg])))
-    across = there - start * (start @ there)
-    length = float(np.linalg.norm(across))
-    if length < 1e-6:  # a metre or so on any planet
-        raise DesignError(
-            f"{mission.path.name}: target lies at the entry or opposite to it, allowed elsewhere"
-        )
-    for axis, s, a in zip("xyz", start, across / length, strict=True):
-        way[f"cos_start_{axis}"], way[f"cos_ahead_{axis}"] = s, a
-    way["target_m"] = mission.planet.radius_km * 1e3 * math.atan2(length, float(start @ there))
-
-
 class Problem:
     """Flights of one mission along bank profiles."""
 
     def __init__(self, mission: Mission, choice: NominalFlight) -> None:
         self.way = np.zeros(1, WAY.dtype)
-        way_of(mission, self.way[0])
-        assert mission.target is not None
+        if mission.target is None:
+            raise DesignError(
+                f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
+            )
+        fill_way(self.way[0], mission)
         self.mission, self.choice, self.target = mission, choice, mission.target
         self.truth = mission.truth()
         self.world = mission.world().copy()
         self.world["dt_s"] = 1.0 / choice.rate_hz
         self.world["aerodynamics"]["side_lift_ratio"] = 0.0
         end = self.world["end"]
-        end["speed_mps"], end["alt_m"] = self.target.speed_mps, -math.inf
+        end["speed_mps"], end["alt_m"], end["at_target"] = self.target.speed_mps, -math.inf, 0
         self.log = np.zeros(math.ceil(mission.end.time_max_s * choice.rate_hz) + 2, TRUTH)
         entry_mps = float(self.truth["v_rel_mps"][0])
         if not self.target.speed_mps < entry_mps:
