@@ -8,6 +8,7 @@ the lift is left out, as a tracker of drag leaves it to others.
 import hashlib
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.dictionary import NAV
 from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
-from flight_sw.energy_reference import ROWS
+from flight_sw.drag_reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
 from flight_sw.errors import DesignError
 from flight_sw.great_circle import WAY, range_flown
 from flight_sw.types_ import Record
@@ -32,6 +33,7 @@ CLOSE_M = 1.0  # of the target, in altitude and range: solved
 HALVINGS_MAX = 8
 ITERATIONS_MAX = 40
 STARTS_TRIED = 6
+ROWS_MIN = 8
 APART_DEG = 0.01  # of the finite differences
 
 
@@ -204,11 +206,14 @@ def solved(mission: Mission, choice: NominalFlight) -> Nominal:
 class Row(NamedTuple):
     """One row of the reference."""
 
-    energy_jpkg: float
+    grid: float
     drag_mps2: float
-    slope_1pm: float
-    bend_s2pm3: float
+    slope: float
+    bend: float
     range_m: float
+
+
+INDEXES = {"energy": BY_ENERGY, "speed": BY_SPEED, "time": BY_TIME}
 
 
 def fix_of(frame: Record) -> Rows:
@@ -220,40 +225,59 @@ def fix_of(frame: Record) -> Rows:
     return nav
 
 
-def row_of(body: Record, way: Record, profile: Record, frame: Record) -> Row:
-    """Closed-form derivatives of drag over energy at a frame of the nominal flight."""
-    planet = body["onboard"]["planet"]
-    nav = fix_of(frame)[0]
-    drag, v = float(frame["drag_mps2"]), float(frame["v_rel_mps"])
-    dynamics = np.zeros(1, DYNAMICS.dtype)[0]
-    drag_dynamics(planet, body["atmosphere"], nav, drag, float(frame["lift_mps2"]), dynamics)
-    drag_rate = drag * float(dynamics["log_rate_1ps"])
-    cos_bank = math.cos(nominal_bank(profile, v))
-    drag_accel = float(dynamics["free_mps4"]) + float(dynamics["authority_mps4"]) * cos_bank
-    energy_rate = -v * drag
-    energy_accel = -(float(dynamics["speed_rate_mps2"]) * drag + v * drag_rate)
-    slope = drag_rate / energy_rate
-    return Row(
-        jacobi_energy(planet, float(frame["alt_m"]), float(frame["lat_rad"]), v),
-        drag,
-        slope,
-        (drag_accel - slope * energy_accel) / energy_rate**2,
-        range_flown(
-            way, float(planet["radius_m"]), float(frame["lon_rad"]), float(frame["lat_rad"])
-        ),
-    )
+class Reference:
+    """Makes the rows of a reference: closed-form derivatives of drag over its index."""
 
+    def __init__(self, body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> None:
+        self.body, self.way, self.nominal, self.choice = body, way, nominal, choice
+        self.planet = body["onboard"]["planet"]
+        self.dynamics = np.zeros(1, DYNAMICS.dtype)[0]
 
-def reference_rows(body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> list[Row]:
-    """The reference in order of ascending energy, evenly spaced in time."""
-    log = nominal.flown.log
-    felt = np.flatnonzero(log["drag_mps2"] >= choice.drag_first_mps2)
-    if felt.size < 2:
-        raise DesignError(
-            f"the nominal flight never feels drag_first_mps2 {choice.drag_first_mps2:g}"
+    def index_of(self, frame: Record, drag_rate: float, cos_bank: float) -> Sequence[float]:
+        """The index at a frame of the flight, its rate and second derivative."""
+        moves = self.dynamics
+        v, drag = float(frame["v_rel_mps"]), float(frame["drag_mps2"])
+        if self.choice.index == "time":
+            return float(frame["t_s"]), 1.0, 0.0
+        if self.choice.index == "speed":
+            accel = float(moves["speed_accel_mps3"] + moves["speed_lift_mps3"] * cos_bank)
+            return v, float(moves["speed_rate_mps2"]), accel
+        energy = jacobi_energy(self.planet, float(frame["alt_m"]), float(frame["lat_rad"]), v)
+        return energy, -v * drag, -(float(moves["speed_rate_mps2"]) * drag + v * drag_rate)
+
+    def row(self, frame: Record) -> Row:
+        """The row of a frame of the nominal flight."""
+        moves = self.dynamics
+        drag, lift = float(frame["drag_mps2"]), float(frame["lift_mps2"])
+        drag_dynamics(
+            self.planet, self.body["atmosphere"], fix_of(frame)[0], drag, lift, self.dynamics
         )
-    frames = np.linspace(felt[0], len(log) - 1, ROWS).round().astype(int)
-    rows = [row_of(body, way, nominal.profile[0], log[i]) for i in np.unique(frames)][::-1]
-    if any(b.energy_jpkg <= a.energy_jpkg for a, b in itertools.pairwise(rows)):
-        raise DesignError("the energy of the nominal flight does not fall from row to row")
-    return rows
+        cos_bank = math.cos(nominal_bank(self.nominal.profile[0], float(frame["v_rel_mps"])))
+        drag_rate = drag * float(moves["log_rate_1ps"])
+        drag_accel = float(moves["free_mps4"]) + float(moves["authority_mps4"]) * cos_bank
+        at, rate, accel = self.index_of(frame, drag_rate, cos_bank)
+        slope = drag_rate / rate
+        radius_m = float(self.planet["radius_m"])
+        flown_m = range_flown(self.way, radius_m, float(frame["lon_rad"]), float(frame["lat_rad"]))
+        return Row(at, drag, slope, (drag_accel - slope * accel) / rate**2, flown_m)
+
+    def rows(self) -> list[Row]:
+        """All rows, the index ascending, evenly spaced in time."""
+        log, choice = self.nominal.flown.log, self.choice
+        felt = log["drag_mps2"] >= choice.drag_first_mps2
+        if choice.index == "speed":
+            felt &= np.arange(len(log)) > int(np.argmax(log["v_rel_mps"]))  # falling from there on
+        frames = np.flatnonzero(felt)
+        if frames.size < ROWS_MIN:
+            raise DesignError(
+                f"nominal_flight.drag_first_mps2 is {choice.drag_first_mps2:g}, allowed below the "
+                f"largest drag of the nominal flight, {log['drag_mps2'].max():.3g}"
+            )
+        chosen = np.linspace(frames[0], frames[-1], ROWS).round().astype(int)
+        rows = sorted(self.row(log[i]) for i in np.unique(chosen))
+        backward = choice.index != "time"
+        if backward != (rows[0].range_m > rows[-1].range_m) or any(
+            a.grid == b.grid for a, b in itertools.pairwise(rows)
+        ):
+            raise DesignError(f"the {choice.index} of the nominal flight does not fall throughout")
+        return rows
