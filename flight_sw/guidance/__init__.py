@@ -11,7 +11,15 @@ from typing import Any
 from numba.extending import overload
 
 from flight_sw.errors import LoadError
-from flight_sw.guidance import drag_observer, drag_state, lqy, nominal, range_predictor
+from flight_sw.guidance import (
+    drag_observer,
+    drag_state,
+    integrated,
+    lqy,
+    nominal,
+    range_predictor,
+    sag,
+)
 from flight_sw.types_ import Record
 
 LAWS: dict[str, ModuleType] = {
@@ -20,6 +28,8 @@ LAWS: dict[str, ModuleType] = {
     "drag-state": drag_state,
     "drag-observer": drag_observer,
     "range-predictor": range_predictor,
+    "sag": sag,
+    "integrated": integrated,
 }
 
 MARKER = "law_is_"

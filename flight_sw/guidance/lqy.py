@@ -31,6 +31,7 @@ INNER_LOOP = RecordSpec(
     Field("lead_s", 0.0, 1e3, "c_gamma of Eq. 30"),
     Field("band_ratio", 0.0, 10.0, "of the set point: no heat-flux tracking beyond it"),
     Field("decay_s", 0.01, 1e3, "Eq. 31"),
+    Field("guard_ratio", 0.0, 1.0, "of the set point; above 0: too hot is fed back after release"),
 )
 
 DESIGN = RecordSpec(
@@ -46,14 +47,28 @@ STATE = RecordSpec(
 
 
 @kernel
+def tracking_weight(design: Record, loop: Record, inner: Record, error_wpm2: float) -> float:
+    """Share of the heat-flux error that is fed back: 0 outside the band, Eq. 31 after the release.
+
+    With a guard the share after the release grows from 0 below the set point to 1 on it instead.
+    """
+    set_point_wpm2 = design["heat_flux_max_wpm2"]
+    if inner["released"] == 1 and loop["guard_ratio"] > 0.0:
+        return min(max(1.0 + error_wpm2 / (loop["guard_ratio"] * set_point_wpm2), 0.0), 1.0)
+    if not abs(error_wpm2) < loop["band_ratio"] * set_point_wpm2:
+        return 0.0
+    # Eq. 31 as printed runs from 0 to 1; one minus it.
+    return 1.0 - nominal.smooth_step(inner["released_s"] / loop["decay_s"])
+
+
+@kernel
 def heat_flux_error(
-    design: Record, loop: Record, onboard: Record, inner: Record, nav: Record
+    design: Record, loop: Record, onboard: Record, inner: Record, nav: Record, q_wpm2: float
 ) -> float:
     """Heat-flux error with the lead of h* and the decay of Eqs. 31-32; zero outside the band."""
-    q_wpm2 = nav["heat_flux_wpm2"]
-    set_point_wpm2 = design["heat_flux_max_wpm2"]
-    error_wpm2 = q_wpm2 - set_point_wpm2
-    if not abs(error_wpm2) < loop["band_ratio"] * set_point_wpm2:
+    error_wpm2 = q_wpm2 - design["heat_flux_max_wpm2"]
+    weight = tracking_weight(design, loop, inner, error_wpm2)
+    if weight == 0.0:
         return 0.0
     lead_m = (
         loop["lead_s"] * nav["v_rel_mps"] * (nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"])
@@ -61,20 +76,30 @@ def heat_flux_error(
     rho_exponent = onboard["heating"]["rho_exponent"]
     # dq/dh = -m q / Hs for q = k rho^m V^n, of C in [MOOIJ18] Eq. 29, applied to the lead.
     led_wpm2 = error_wpm2 - rho_exponent * q_wpm2 * lead_m / design["scale_height_m"]
-    # Eq. 31 as printed runs from 0 to 1; one minus it.
-    return led_wpm2 * (1.0 - nominal.smooth_step(inner["released_s"] / loop["decay_s"]))
+    if inner["released"] == 1 and loop["guard_ratio"] > 0.0:
+        return max(led_wpm2 * weight, 0.0)
+    return led_wpm2 * weight
 
 
 @kernel
-def correction(design: Record, loop: Record, onboard: Record, state: Record, nav: Record) -> float:
-    """Bank increment of the inner loop: the larger of the two parallel trackers."""
-    inner = state["nominal"]
+def gains(loop: Record, onboard: Record, nav: Record) -> tuple[float, float]:
+    """Bank per heat-flux error and per load-factor error at the present energy."""
     energy_jpkg = specific_energy(onboard["planet"], nav["alt_m"], nav["v_rel_mps"])
     n_rows = int(loop["n_rows"])
     grid = loop["energy_jpkg"]
     k_heat_flux = interp(energy_jpkg, grid, loop["k_heat_flux_radm2pw"], n_rows)
     k_load = interp(energy_jpkg, grid, loop["k_load_radpg"], n_rows)
-    error_wpm2 = heat_flux_error(design, loop, onboard, inner, nav)
+    return k_heat_flux, k_load
+
+
+@kernel
+def correction(
+    design: Record, loop: Record, onboard: Record, state: Record, nav: Record, q_wpm2: float
+) -> float:
+    """Bank increment of the inner loop: the larger of the two parallel trackers."""
+    inner = state["nominal"]
+    k_heat_flux, k_load = gains(loop, onboard, nav)
+    error_wpm2 = heat_flux_error(design, loop, onboard, inner, nav, q_wpm2)
     state["heat_flux_error_wpm2"] = error_wpm2
     for_heat_flux_rad = -k_heat_flux * error_wpm2
     for_load_rad = -k_load * max(inner["load_factor_g"] - design["load_factor_max_g"], 0.0)
@@ -89,13 +114,20 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     design = load["law"]
     onboard = load["onboard"]
     inner = state["nominal"]
+    q_wpm2 = nav["heat_flux_wpm2"]
     code = nominal.advance(
-        design["nominal"], onboard, load["atmosphere"], inner, nav, load["guidance_dt_s"]
+        design["nominal"],
+        onboard,
+        load["atmosphere"],
+        inner,
+        nav,
+        q_wpm2,
+        load["guidance_dt_s"],
     )
     nominal.report(inner, out)
     if inner["phase"] >= nominal.HEAT_FLUX:
         state["correction_rad"] = correction(
-            design["nominal"], design["inner_loop"], onboard, state, nav
+            design["nominal"], design["inner_loop"], onboard, state, nav, q_wpm2
         )
         out["bank_cmd_rad"] = min(max(inner["bank_rad"] + state["correction_rad"], 0.0), math.pi)
     telemetry = out["telemetry"]

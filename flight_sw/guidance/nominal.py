@@ -4,8 +4,12 @@ Source: [MOOIJ18] Eqs. 9-23 with the corrections listed in docs/equations.md. Be
 peak bank and the first angle of attack are held; at the peak the second angle of attack is taken;
 tracking starts when the heat flux falls through its set point, or at the peak if that is lower.
 
+Three things beside the source are off unless the design asks for them: forces scaled by what is
+sensed over what is modelled, a path-angle loop of its own, a floor under the heat-flux peak.
+
 Limits: one-signed bank (no lateral guidance); exponential density in the path law, with the scale
-height of the load; heat flux peak found by two falling samples, so it wants clean navigation.
+height of the load; heat flux peak found by two falling samples of the heat flux handed in: sensed
+noise wants an estimate of it and a floor.
 """
 
 import math
@@ -24,6 +28,7 @@ FALLING_SAMPLES = 2  # in a row, make a peak
 LIFT_MIN_MPS2 = 1e-6  # no bank command is formed below this lift
 V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it
 SIN_GAMMA_MAX = 0.99  # a steeper path is asked for only where the law has no meaning
+ALPHA_MATCH_RAD = 0.01  # flown and modelled angle of attack closer than this are the same one
 
 TELEMETRY = (
     "bank_nominal_rad",
@@ -51,6 +56,13 @@ DESIGN = RecordSpec(
     Field("transition_duration_s", 0.1, 1e3, "Eq. 21"),
     Field("heat_flux_exponent", 2.01, 100.0, "rho V^n on a heat-flux limit, below Eq. 9: 6"),
     Field("release_exponent", N_LOAD, 100.0, "heat-flux tracking ends below this n"),
+    Field("k_gamma_p_1ps", -1e2, 1e2, "times the speed: a path-angle loop with a rate of its own"),
+    Field("k_gamma_i_1ps2", -1e2, 1e2, "times the speed"),
+    Field("peak_floor_ratio", 0.0, 1.0, "of the set point: no heat-flux peak below it"),
+    Field("peak_scale_exponent", 1.0, 10.0, "of set point over a lower peak, on the constant"),
+    Field("adaptation_share_ratio", 0.0, 1.0, "of the error in sensed over modelled, a step"),
+    Field("adaptation_load_min_g", 0.0, 10.0, "sensed: nothing is learnt below it"),
+    Field("adaptation_max_ratio", 0.0, 0.95, "largest departure from the model"),
 )
 
 STATE = RecordSpec(
@@ -63,6 +75,7 @@ STATE = RecordSpec(
     Field("gamma_integral_rads"),
     Field("gamma_error_prev_rad"),
     Field("gamma_started", kind="u4", why="0 until an error has been seen"),
+    Field("gamma_held", kind="u4", why="1: the integral waits"),
     Field("transition_time_s", why="since the transition began"),
     Field("released", kind="u4", why="1 once heat-flux tracking has been given up"),
     Field("released_s", why="time since then"),
@@ -70,6 +83,9 @@ STATE = RecordSpec(
     Field("flow_exponent", why="n of rho V^n"),
     Field("constant_ratio", why="rho V^n over the constant held"),
     Field("load_factor_g", why="modelled"),
+    Field("drag_excess_ratio", why="sensed over modelled, less one, as learnt"),
+    Field("lift_excess_ratio", why="sensed over modelled, less one, as learnt"),
+    Field("path_bank_rad", why="bank of the path law alone, without Eq. 23"),
     Field("bank_rad", why="command of this step"),
     Field("alpha_rad", why="command of this step"),
     Field("forces", record=FORCES),
@@ -113,16 +129,18 @@ def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -
     """Phases up to tracking: the peak by falling samples, then the set point from above."""
     if state["phase"] == PRE_PEAK:
         state["heat_flux_peak_wpm2"] = max(state["heat_flux_peak_wpm2"], q_wpm2)
-        if q_wpm2 < state["heat_flux_prev_wpm2"]:
+        floor_wpm2 = design["peak_floor_ratio"] * design["heat_flux_max_wpm2"]
+        if q_wpm2 < state["heat_flux_prev_wpm2"] and q_wpm2 >= floor_wpm2:
             state["falling"] += 1
         else:
             state["falling"] = 0
         if state["falling"] >= FALLING_SAMPLES:
             state["phase"] = POST_PEAK
     if state["phase"] == POST_PEAK and q_wpm2 <= design["heat_flux_max_wpm2"]:
-        # A set point above the natural peak scales the constant, first power as in [MOOIJ18].
+        # A set point above the natural peak scales the constant: first power in [MOOIJ18]; exact is
+        # one over the density's exponent in the heat flux.
         scale = max(design["heat_flux_max_wpm2"] / state["heat_flux_peak_wpm2"], 1.0)
-        state["tracking_constant"] = flow_now * scale
+        state["tracking_constant"] = flow_now * math.pow(scale, design["peak_scale_exponent"])
         state["phase"] = HEAT_FLUX
     state["heat_flux_prev_wpm2"] = q_wpm2
 
@@ -154,20 +172,53 @@ def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_
 
 
 @kernel
-def _gamma_correction(design: Record, state: Record, gamma_rad: float, dt_s: float) -> float:
-    """PID on the path angle, an acceleration: read as printed, not times V.  [MOOIJ18] Eq. 17"""
+def integral_gain(design: Record, v_mps: float) -> float:
+    """Vertical acceleration per integral of the path-angle error."""
+    return design["k_gamma_i_mps3prad"] + v_mps * design["k_gamma_i_1ps2"]
+
+
+@kernel
+def _gamma_correction(
+    design: Record, state: Record, gamma_rad: float, v_mps: float, dt_s: float
+) -> float:
+    """PID on the path angle, an acceleration: read as printed, not times V.  [MOOIJ18] Eq. 17
+
+    Beside it the gains that are times V: a loop whose frequency does not change with speed.
+    """
     error_rad = state["gamma_cmd_rad"] - gamma_rad
     rate_radps = 0.0
     if state["gamma_started"] == 1:
         rate_radps = (error_rad - state["gamma_error_prev_rad"]) / dt_s
     state["gamma_started"] = 1
     state["gamma_error_prev_rad"] = error_rad
-    state["gamma_integral_rads"] += error_rad * dt_s
+    if state["gamma_held"] == 0:
+        state["gamma_integral_rads"] += error_rad * dt_s
+    k_p = design["k_gamma_p_mps2prad"] + v_mps * design["k_gamma_p_1ps"]
     return (
-        design["k_gamma_p_mps2prad"] * error_rad
-        + design["k_gamma_i_mps3prad"] * state["gamma_integral_rads"]
+        k_p * error_rad
+        + integral_gain(design, v_mps) * state["gamma_integral_rads"]
         + design["k_gamma_d_mpsprad"] * rate_radps
     )
+
+
+@kernel
+def _flow_correction(
+    design: Record, state: Record, nav: Record, constant: float, v_rate_mps2: float
+) -> float:
+    """PD on rho V^n, in bank.  [MOOIJ18] Eq. 23, its rate taken at frozen n"""
+    n = state["flow_exponent"]
+    v_mps = nav["v_rel_mps"]
+    sin_gamma = math.sin(nav["flight_path_angle_rad"])
+    present = state["forces"]["rho_kgpm3"] * math.pow(v_mps, n)
+    ratio = present / constant
+    state["constant_ratio"] = ratio
+    rate_ps = ratio * (-v_mps * sin_gamma / design["scale_height_m"] + n * v_rate_mps2 / v_mps)
+    n_heat_flux = design["heat_flux_exponent"]
+    share = (n_heat_flux - n) / (n_heat_flux - N_LOAD)
+    k_d = design["k_flow_d_heat_flux_rads"] + share * (
+        design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
+    )
+    return design["k_flow_p_rad"] * (ratio - 1.0) + k_d * rate_ps
 
 
 @kernel
@@ -210,34 +261,69 @@ def _tracking_bank(
     # [MOOIJ18] Eq. 16 with the factor V it lacks on the slope; the PID without it (as printed).
     lift_mps2 = max(forces["lift_mps2"], LIFT_MIN_MPS2)
     vertical_mps2 = (
-        v_mps * slope * v_rate_mps2 - other_mps2 + _gamma_correction(design, state, gamma_rad, dt_s)
+        v_mps * slope * v_rate_mps2
+        - other_mps2
+        + _gamma_correction(design, state, gamma_rad, v_mps, dt_s)
     )
     code = status.OK
     cos_bank = vertical_mps2 / lift_mps2
     if not abs(cos_bank) <= 1.0:
         code = status.SATURATED
     bank_rad = math.acos(min(max(cos_bank, -1.0), 1.0))
-
-    present = forces["rho_kgpm3"] * math.pow(v_mps, n)
-    ratio = present / constant
-    state["constant_ratio"] = ratio
-    rate_ps = ratio * (-v_mps * math.sin(gamma_rad) / h_s_m + n * v_rate_mps2 / v_mps)
-    n_heat_flux = design["heat_flux_exponent"]
-    share = (n_heat_flux - n) / (n_heat_flux - N_LOAD)
-    k_d = design["k_flow_d_heat_flux_rads"] + share * (
-        design["k_flow_d_load_rads"] - design["k_flow_d_heat_flux_rads"]
-    )
-    bank_rad += design["k_flow_p_rad"] * (ratio - 1.0) + k_d * rate_ps
+    state["path_bank_rad"] = bank_rad
+    bank_rad += _flow_correction(design, state, nav, constant, v_rate_mps2)
     return min(max(bank_rad, 0.0), math.pi), code
 
 
 @kernel
+def _learn(design: Record, onboard: Record, state: Record, nav: Record, alpha_rad: float) -> None:
+    """Drag and lift as sensed over those of the model, filtered, into `state`.
+
+    Nothing is learnt below a load, nor while another angle of attack is flown than modelled.
+    """
+    forces = state["forces"]
+    drag_mps2 = nav["drag_mps2"]
+    lift_mps2 = nav["lift_mps2"]
+    floor_mps2 = design["adaptation_load_min_g"] * onboard["planet"]["g0_mps2"]
+    modelled_lift_mps2 = abs(forces["lift_mps2"])
+    if (
+        abs(nav["alpha_rad"] - alpha_rad) > ALPHA_MATCH_RAD
+        or drag_mps2 * drag_mps2 + lift_mps2 * lift_mps2 < floor_mps2 * floor_mps2
+        or min(forces["drag_mps2"], modelled_lift_mps2) < LIFT_MIN_MPS2
+    ):
+        return
+    share = design["adaptation_share_ratio"]
+    most = design["adaptation_max_ratio"]
+    drag_excess = min(max(drag_mps2 / forces["drag_mps2"] - 1.0, -most), most)
+    lift_excess = min(max(lift_mps2 / modelled_lift_mps2 - 1.0, -most), most)
+    state["drag_excess_ratio"] += share * (drag_excess - state["drag_excess_ratio"])
+    state["lift_excess_ratio"] += share * (lift_excess - state["lift_excess_ratio"])
+
+
+@kernel
+def _believe(state: Record) -> None:
+    """The modelled forces scaled by what has been learnt of them."""
+    forces = state["forces"]
+    drag_ratio = 1.0 + state["drag_excess_ratio"]
+    forces["drag_mps2"] *= drag_ratio
+    forces["drag_area_m2"] *= drag_ratio
+    forces["lift_mps2"] *= 1.0 + state["lift_excess_ratio"]
+
+
+@kernel
 def advance(
-    design: Record, onboard: Record, atmosphere: Record, state: Record, nav: Record, dt_s: float
+    design: Record,
+    onboard: Record,
+    atmosphere: Record,
+    state: Record,
+    nav: Record,
+    heat_flux_wpm2: float,
+    dt_s: float,
 ) -> int:
     """One step of the nominal guidance: leaves its command in `state`, returns a status.
 
-    The forces are the load's model at the angle of attack commanded last.
+    The heat flux is the sensed one or an estimate of it. The forces are the load's model at the
+    angle of attack commanded last, scaled by what has been learnt.
     """
     v_mps = nav["v_rel_mps"]
     forces = state["forces"]
@@ -245,16 +331,20 @@ def advance(
     if state["phase"] != PRE_PEAK:
         alpha_rad = design["alpha_after_peak_rad"]
     modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
+    if design["adaptation_share_ratio"] > 0.0:
+        _learn(design, onboard, state, nav, alpha_rad)
+    _believe(state)
     if v_mps < V_MIN_MPS:
         return status.DOMAIN
     rho_kgpm3 = forces["rho_kgpm3"]
     if state["phase"] < HEAT_FLUX:
         before = state["phase"]
         flow_now = rho_kgpm3 * math.pow(v_mps, design["heat_flux_exponent"])
-        _watch_peak(design, state, nav["heat_flux_wpm2"], flow_now)
+        _watch_peak(design, state, heat_flux_wpm2, flow_now)
         if before == PRE_PEAK and state["phase"] != PRE_PEAK:
             alpha_rad = design["alpha_after_peak_rad"]
             modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)
+            _believe(state)
     drag_mps2 = forces["drag_mps2"]
     lift_mps2 = forces["lift_mps2"]
     state["load_factor_g"] = (
@@ -289,7 +379,13 @@ def report(state: Record, out: Record) -> None:
 def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     """One guidance step of law `nominal`."""
     code = advance(
-        load["law"], load["onboard"], load["atmosphere"], state, nav, load["guidance_dt_s"]
+        load["law"],
+        load["onboard"],
+        load["atmosphere"],
+        state,
+        nav,
+        nav["heat_flux_wpm2"],
+        load["guidance_dt_s"],
     )
     report(state, out)
     return code

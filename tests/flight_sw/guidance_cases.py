@@ -106,6 +106,24 @@ def random_memory(rng: np.random.Generator, memory: Any, nav: Values, n: float) 
     memory["released_s"] = rng.uniform(0.0, 12.0) * memory["released"]
 
 
+def random_beliefs(rng: np.random.Generator, design: Any, memory: Any, nav: Values) -> None:
+    """What the source lacks: a loop with its own gains, a held integral, forces learnt and felt."""
+    design["k_gamma_p_1ps"], design["k_gamma_i_1ps2"] = rng.uniform(0.0, 0.1), 2.5e-3
+    design["peak_floor_ratio"] = rng.choice([0.0, 0.5, 1.0])
+    design["peak_scale_exponent"] = rng.uniform(1.0, 2.0)
+    design["adaptation_share_ratio"] = rng.choice([0.0, 0.3, 1.0])
+    design["adaptation_load_min_g"] = rng.choice([0.05, 0.5])
+    design["adaptation_max_ratio"] = rng.choice([0.1, 0.5])
+    memory["gamma_held"] = rng.integers(0, 2)
+    memory["drag_excess_ratio"], memory["lift_excess_ratio"] = rng.uniform(-0.3, 0.3, 2)
+    angle = "alpha_before_peak_rad" if memory["phase"] == 0 else "alpha_after_peak_rad"
+    nav["alpha_rad"] = float(design[angle]) + rng.choice([0.0, 0.009, 0.011])
+    pressure = density(nav["alt_m"]) * nav["v_rel_mps"] ** 2 / 2 / MASS_KG
+    drag_m2, lift_m2 = areas_m2(float(design[angle]))
+    nav["drag_mps2"] = pressure * drag_m2 * rng.uniform(0.7, 1.3)
+    nav["lift_mps2"] = pressure * lift_m2 * rng.uniform(0.7, 1.3)
+
+
 def differences(record: Any, twin: Values, path: str = "") -> dict[str, tuple[float, float]]:
     """Numbers of a record that are not those of the twin, to round-off."""
     found = {}

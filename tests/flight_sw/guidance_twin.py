@@ -1,7 +1,8 @@
 """Slow twin of the guidance laws: plain floats, written from the paper's equations.
 
-[MOOIJ18] Eqs. 7-23 and 28-32 with the corrections that docs/equations.md lists; exponential air,
-the Newtonian coefficients of the mission file, memory in a dictionary named as the law's state.
+[MOOIJ18] Eqs. 7-23 and 28-32 with the corrections and the additions that docs/equations.md lists;
+exponential air, the Newtonian coefficients of the mission file, memory in a dictionary named as the
+law's state.
 """
 
 import math
@@ -71,12 +72,13 @@ class NominalTwin:
         d, m = self.design, self.memory
         if m["phase"] == 0:
             m["heat_flux_peak_wpm2"] = max(q, m["heat_flux_peak_wpm2"])
-            m["falling"] = m["falling"] + 1 if q < m["heat_flux_prev_wpm2"] else 0
+            high = q >= d["peak_floor_ratio"] * d["heat_flux_max_wpm2"]
+            m["falling"] = m["falling"] + 1 if high and q < m["heat_flux_prev_wpm2"] else 0
             if m["falling"] >= 2:
                 m["phase"] = 1
         if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"]:
             over = d["heat_flux_max_wpm2"] / m["heat_flux_peak_wpm2"]
-            m["tracking_constant"] = c_n * over if over > 1.0 else c_n
+            m["tracking_constant"] = c_n * max(over, 1.0) ** d["peak_scale_exponent"]
             m["phase"] = 2
         m["heat_flux_prev_wpm2"] = q
 
@@ -102,23 +104,47 @@ class NominalTwin:
         share = quintic(Fraction(t_x))  # exact: Eq. 22 is a difference of unlike magnitudes
         return float(held - (held - here) * share)
 
-    def _pid(self, gamma: float, dt: float) -> float:
+    def _pid(self, gamma: float, v: float, dt: float) -> float:
         d, m = self.design, self.memory
         error = m["gamma_cmd_rad"] - gamma
         slope = (error - m["gamma_error_prev_rad"]) / dt if m["gamma_started"] else 0.0
         m["gamma_started"], m["gamma_error_prev_rad"] = 1, error
-        m["gamma_integral_rads"] += error * dt
-        return float(
+        if not m["gamma_held"]:
+            m["gamma_integral_rads"] += error * dt
+        printed = (
             d["k_gamma_p_mps2prad"] * error
             + d["k_gamma_i_mps3prad"] * m["gamma_integral_rads"]
             + d["k_gamma_d_mpsprad"] * slope
         )
+        of_a_rate = d["k_gamma_p_1ps"] * error + d["k_gamma_i_1ps2"] * m["gamma_integral_rads"]
+        return float(printed + v * of_a_rate)
+
+    def _force_areas_m2(self) -> tuple[float, float]:
+        """CD S and CL S at the angle commanded, as believed."""
+        drag_m2, lift_m2 = areas_m2(self.memory["alpha_rad"])
+        m = self.memory
+        return drag_m2 * (1 + m["drag_excess_ratio"]), lift_m2 * (1 + m["lift_excess_ratio"])
+
+    def _learn(self, nav: Values, rho: float) -> None:
+        """Sensed over modelled forces, at the angle commanded before this step."""
+        d, m = self.design, self.memory
+        share, most = d["adaptation_share_ratio"], d["adaptation_max_ratio"]
+        sensed = nav.get("drag_mps2", 0.0), nav.get("lift_mps2", 0.0)
+        alpha = d["alpha_before_peak_rad" if m["phase"] == 0 else "alpha_after_peak_rad"]
+        is_felt = math.hypot(*sensed) >= d["adaptation_load_min_g"] * G0
+        if share == 0.0 or not is_felt or abs(nav.get("alpha_rad", 0.0) - alpha) > 0.01:
+            return
+        modelled = [rho * nav["v_rel_mps"] ** 2 / 2 * a / MASS_KG for a in areas_m2(alpha)]
+        for name, f, g in zip(("drag", "lift"), sensed, modelled, strict=True):
+            excess = max(-most, min(most, f / g - 1))
+            old = m[f"{name}_excess_ratio"]
+            m[f"{name}_excess_ratio"] = (1 - share) * old + share * excess
 
     def _bank(self, nav: Values, rho: float, dt: float, c_n: float) -> tuple[float, int]:
         d, m = self.design, self.memory
         v, gamma, r = nav["v_rel_mps"], nav["flight_path_angle_rad"], RADIUS_M + nav["alt_m"]
         lat, chi, n = nav["lat_rad"], nav["heading_rad"], m["flow_exponent"]
-        drag_m2, lift_m2 = areas_m2(m["alpha_rad"])
+        drag_m2, lift_m2 = self._force_areas_m2()
         q_dyn = rho * v**2 / 2
         drag, lift, g = q_dyn * drag_m2 / MASS_KG, q_dyn * lift_m2 / MASS_KG, MU / r**2
         h_s = d["scale_height_m"]
@@ -133,8 +159,8 @@ class NominalTwin:
             * (math.cos(lat) * math.cos(gc) + math.sin(gc) * math.sin(lat) * math.cos(chi))
         )  # fmt: skip
         # Eqs. 14 and 16, the PID as an acceleration
-        cosine = (v * slope * v_dot + self._pid(gamma, dt) - others) / lift
-        bank = math.acos(max(-1.0, min(1.0, cosine)))
+        cosine = (v * slope * v_dot + self._pid(gamma, v, dt) - others) / lift
+        bank = m["path_bank_rad"] = math.acos(max(-1.0, min(1.0, cosine)))
         ratio = rho * v**n / c_n
         m["constant_ratio"] = ratio
         change = ratio * (-v * math.sin(gamma) / h_s + n * v_dot / v)
@@ -148,10 +174,11 @@ class NominalTwin:
         """One step: command and memory are left in `memory`; 1 where a cosine saturated."""
         d, m = self.design, self.memory
         v, rho = nav["v_rel_mps"], density(nav["alt_m"])
+        self._learn(nav, rho)
         if m["phase"] < 2:
             self._watch(nav["heat_flux_wpm2"], rho * v ** d["heat_flux_exponent"])
         m["alpha_rad"] = d["alpha_before_peak_rad" if m["phase"] == 0 else "alpha_after_peak_rad"]
-        m["load_factor_g"] = rho * v**2 / (2 * MASS_KG * G0) * math.hypot(*areas_m2(m["alpha_rad"]))
+        m["load_factor_g"] = rho * v**2 / (2 * MASS_KG * G0) * math.hypot(*self._force_areas_m2())
         if m["phase"] < 2:
             m["flow_exponent"] = d["heat_flux_exponent"]
             m["bank_rad"] = d["bank_before_tracking_rad"]
@@ -179,16 +206,40 @@ class LqyTwin:
         n = self.loop["n_rows"]
         return float(np.interp(energy, self.loop["energy_jpkg"][:n], self.loop[name][:n]))
 
+    def share(self, error: float) -> float:
+        """What of a heat-flux error counts."""
+        inner, q_max = self.memory["nominal"], self.design["heat_flux_max_wpm2"]
+        if inner["released"] and self.loop["guard_ratio"]:
+            return float(np.interp(error / q_max, [-self.loop["guard_ratio"], 0.0], [0.0, 1.0]))
+        if abs(error) >= self.loop["band_ratio"] * q_max:
+            return 0.0
+        return float(1 - quintic(inner["released_s"] / self.loop["decay_s"]))  # Eq. 31, 1 minus it
+
     def _heat_flux_error(self, nav: Values) -> float:
         q, q_max = nav["heat_flux_wpm2"], self.design["heat_flux_max_wpm2"]
-        if abs(q - q_max) >= self.loop["band_ratio"] * q_max:
+        if self.share(q - q_max) == 0.0:
             return 0.0
         inner = self.memory["nominal"]
         gamma_off = nav["flight_path_angle_rad"] - inner["gamma_cmd_rad"]
         dh = self.loop["lead_s"] * nav["v_rel_mps"] * gamma_off  # Eq. 30
         lead = -self.rho_exponent * q / self.design["scale_height_m"] * dh
-        fading = 1 - quintic(inner["released_s"] / self.loop["decay_s"])  # Eq. 31, one minus it
-        return float((q - q_max + lead) * fading)
+        fed = (q - q_max + lead) * self.share(q - q_max)
+        guarded = inner["released"] and self.loop["guard_ratio"]
+        return float(max(fed, 0.0) if guarded else fed)
+
+    def gains(self, nav: Values) -> tuple[float, float]:
+        """Bank per heat flux and per load, at this energy."""
+        energy = energy_jpkg(nav)
+        return self._gain("k_heat_flux_radm2pw", energy), self._gain("k_load_radpg", energy)
+
+    def correct(self, nav: Values) -> None:
+        """The larger correction of the two, into memory.  Eq. 28"""
+        m = self.memory
+        k_heat, k_load = self.gains(nav)
+        m["heat_flux_error_wpm2"] = self._heat_flux_error(nav)
+        by_heat = -k_heat * m["heat_flux_error_wpm2"]
+        excess_g = max(0.0, m["nominal"]["load_factor_g"] - self.design["load_factor_max_g"])
+        m["correction_rad"] = max(by_heat, -k_load * excess_g, key=abs)
 
     def step(self, nav: Values, dt: float) -> tuple[float, int]:
         """One step: the bank command and 1 where a cosine saturated."""
@@ -196,10 +247,5 @@ class LqyTwin:
         code = self.nominal.step(nav, dt)
         if inner["phase"] < 2:
             return inner["bank_rad"], code
-        energy = energy_jpkg(nav)
-        m["heat_flux_error_wpm2"] = self._heat_flux_error(nav)
-        by_heat = -self._gain("k_heat_flux_radm2pw", energy) * m["heat_flux_error_wpm2"]
-        excess_g = max(0.0, inner["load_factor_g"] - self.design["load_factor_max_g"])
-        by_load = -self._gain("k_load_radpg", energy) * excess_g
-        m["correction_rad"] = max(by_heat, by_load, key=abs)  # Eq. 28, the larger of the two
+        self.correct(nav)
         return max(0.0, min(math.pi, inner["bank_rad"] + m["correction_rad"])), code

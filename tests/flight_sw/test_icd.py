@@ -25,13 +25,16 @@ AGREED = {  # identifier: name, sender, cycle in ms
     0x050: ("TM_NOMINAL_A", "FSW", 100),
     0x051: ("TM_NOMINAL_B", "FSW", 100),
     0x052: ("TM_LQY", "FSW", 100),
+    0x053: ("TM_SAG", "FSW", 100),
+    0x054: ("TM_HEAT_FLUX", "FSW", 100),
+    0x055: ("TM_MODEL", "FSW", 100),
     0x060: ("RX_HEALTH_A", "FSW", 1000),
     0x061: ("RX_HEALTH_B", "FSW", 1000),
     0x062: ("RX_HEALTH_C", "FSW", 1000),
 }
 SUFFIX_OF_UNIT = {
     "rad": "_rad", "m": "_m", "m/s": "_mps", "m/s^2": "_mps2", "m/s^3": "_mps3",
-    "J/kg": "_jpkg", "W/m^2": "_wpm2", "s": "_s", "us": "_us",
+    "J/kg": "_jpkg", "W/m^2": "_wpm2", "W/(m^2 s)": "_wpm2ps", "s": "_s", "us": "_us",
 }  # fmt: skip
 UNITS = set(SUFFIX_OF_UNIT.values())
 

@@ -30,7 +30,9 @@ from tools.gains.schema import Design, design_of, read_tree
 ROOT = Path(__file__).resolve().parents[2]
 MISSION = "hyperion-1"
 DESIGN_PATH = ROOT / "gains" / MISSION / "design.toml"
-LAWS = ("nominal", "lqy")
+LAWS = ("nominal", "lqy", "sag", "integrated")
+FLOWN = ("lqy", "integrated")
+"""Laws for tests that compile a loop each: between them they hold the kernels of all four."""
 
 PIECES: dict[str, dict[str, float | str]] = {
     "entry": {},

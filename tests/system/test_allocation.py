@@ -15,7 +15,7 @@ from sim_harness.flight import hand_over
 from sim_harness.jit import kernel
 from sim_harness.loop import fly_in_memory
 from tests.flight_sw.test_executive import Loop
-from tests.system.flights import LAWS, Computer, World, built
+from tests.system.flights import FLOWN, Computer, World, built
 
 pytestmark = pytest.mark.jit_only
 
@@ -58,7 +58,7 @@ def test_an_allocation_is_seen_behind_a_call(fresh_compile: Callable[..., Any]) 
     assert allocators_in(fresh_compile(call_it, 3))
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FLOWN)
 def test_the_minor_frame_holds_no_allocation(law: str, fresh_compile: Callable[..., Any]) -> None:
     made = built(law)
     computer = Computer(made)
@@ -104,7 +104,7 @@ def counting() -> Iterator[None]:
     _nrt_python.memsys_disable_stats()
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FLOWN)
 def test_no_counter_moves_over_a_whole_flight(law: str, counting: None) -> None:
     world, computer = World(built(law), 46_000), Computer(built(law))
     for _ in range(SETTLING_CALLS):

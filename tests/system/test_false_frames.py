@@ -17,7 +17,7 @@ from sim_harness import loop
 from sim_harness.jit import kernel
 from sim_harness.loop import Logs
 from sim_harness.world.records import END_CONDITION, FLYING
-from tests.system.flights import LAWS, NAV_FRAMES, Computer, World, built, sha256
+from tests.system.flights import FLOWN, NAV_FRAMES, Computer, World, built, sha256
 
 pytestmark = pytest.mark.jit_only
 
@@ -114,7 +114,7 @@ def command_stream(world: World) -> str:
     return sha256(world.logs.commands[: int(world.harness["written"][0, loop.COMMANDS])])
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", FLOWN)
 def test_false_frames_with_right_checksums_move_no_command(law: str) -> None:
     noise = random_noise(built(law).load["codec"], seed=2)
     assert np.diff(noise.first).max() <= PER_CYCLE_MAX

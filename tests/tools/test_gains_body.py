@@ -108,7 +108,7 @@ def test_the_sampled_coefficients_are_the_newtonian_ones(body: Any, alpha_deg: f
 @pytest.mark.parametrize("law", LAWS)
 def test_the_nominal_design_is_converted(law: str, chosen: Any, flown: Any) -> None:
     record = built(law).image.body[0]["law"]
-    record = record["nominal"] if law == "lqy" else record
+    record = record if law == "nominal" else record["nominal"]
     given = chosen["nominal"]
     assert record["heat_flux_max_wpm2"] == flown["limits"]["heat_flux_max_kwpm2"] * 1e3
     assert record["load_factor_max_g"] == flown["limits"]["load_factor_max_g"]
@@ -118,7 +118,10 @@ def test_the_nominal_design_is_converted(law: str, chosen: Any, flown: Any) -> N
     plain = [n for n in given if not n.endswith("_deg")]
     assert len(plain) >= 9
     for name in plain:
-        assert record[name] == given[name], name
+        if name.startswith("k_gamma_") and law in ("sag", "integrated"):
+            assert record[name] == 0.0, name  # [tracking] asks for a loop of its own
+        else:
+            assert record[name] == given[name], name
     assert record["heat_flux_exponent"] == pytest.approx(6.0, rel=1e-15)  # 3 over a half
 
 

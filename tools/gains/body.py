@@ -16,7 +16,7 @@ from flight_sw.types_ import Record
 from sim_harness.mission import Mission
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.records import AERO_TABLE
-from tools.gains import drag, lqy
+from tools.gains import adaptive, drag, lqy
 from tools.gains.schema import Axis, Design
 
 ALPHA_STEP_DEG = 1.25  # of the sampled table: 20 and 45 deg are knots, 3e-5 off between them
@@ -106,13 +106,13 @@ def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
 def _nominal(record: Record, design: Design, mission: Mission) -> None:
     choice = design.nominal
     if choice is None:
-        raise DesignError("laws: nominal and lqy need a table [nominal], which is missing")
+        raise DesignError("laws: this one needs a table [nominal], which is missing")
     limits, heating = mission.limits, mission.heating
     for name in ("heat_flux_max_kwpm2", "load_factor_max_g"):
         if not math.isfinite(getattr(limits, name)):
-            raise DesignError(f"laws: nominal and lqy need limits.{name}, which is missing")
+            raise DesignError(f"laws: this one needs limits.{name}, which is missing")
     if heating is None:
-        raise DesignError("laws: nominal and lqy need a table [heating] in the mission")
+        raise DesignError("laws: this one needs a table [heating] in the mission")
     record["heat_flux_max_wpm2"] = limits.heat_flux_max_kwpm2 * 1e3
     record["load_factor_max_g"] = limits.load_factor_max_g
     # q = k rho^m V^n is constant where rho V^(n/m) is.
@@ -123,6 +123,7 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
             f"nominal.release_exponent is {choice.release_exponent:g}, allowed below "
             f"{exponent:g}, the exponent of a constant heat flux"
         )
+    record["peak_scale_exponent"] = 1.0
     for name, value in choice:
         if name.endswith("_deg"):
             record[name.removesuffix("_deg") + "_rad"] = math.radians(value)
@@ -137,12 +138,22 @@ def _fill_nominal(body: Record, design: Design, mission: Mission) -> dict[str, A
 
 def _fill_lqy(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
     if design.lqy is None:
-        raise DesignError("laws: lqy needs a table [lqy], which is missing")
+        raise DesignError("laws: this one needs a table [lqy], which is missing")
     law = body["law"]
     _nominal(law["nominal"], design, mission)
     points = lqy.operating_points(body, law["nominal"], design.lqy)
     lqy.fill(law["inner_loop"], design.lqy, points)
     return {"operating_points": [vars(p) for p in points]}
+
+
+def _fill_adaptive(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
+    report = _fill_lqy(body, design, mission)
+    if design.sag is None or design.tracking is None:
+        raise DesignError("laws: sag and integrated need tables [sag] and [tracking]")
+    law = body["law"]
+    adaptive.fill_weights(law["tracking"], design.sag)
+    told = adaptive.fill_tracking(law, design.tracking, float(body["guidance_dt_s"]))
+    return {**told, **report}
 
 
 FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
@@ -151,6 +162,8 @@ FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
     "drag-state": drag.fill_drag_state,
     "drag-observer": drag.fill_drag_observer,
     "range-predictor": drag.fill_range_predictor,
+    "sag": _fill_adaptive,
+    "integrated": _fill_adaptive,
 }
 """How each law's own record is filled; returns what the provenance reports of the design."""
 

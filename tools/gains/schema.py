@@ -142,6 +142,54 @@ class Observer(Section):
     """The measurement between two steps: held, or straight from one to the next."""
 
 
+class Sag(Section):
+    """[MOOIJ18] Table 3 and Eq. 40, and the limits that it lacks."""
+
+    t_p_heat_flux_1prad2: Annotated[float, Quantity("1/rad2", 0.0, 1e6, "Eq. 36")]
+    t_i_heat_flux_1prad2ps: Annotated[float, Quantity("1/(rad2 s)", 0.0, 1e6, "Eq. 35")]
+    k_initial_heat_flux_ratio: Annotated[float, Quantity("-", -1e3, 1e3, "Eq. 37")]
+    leak_heat_flux_1ps: Annotated[float, Quantity("1/s", 0.0, 1e2, "Eq. 41")]
+    rate_heat_flux_s: Annotated[float, Quantity("s", 0.0, 1e3, "Eq. 40")]
+    t_p_load_1prad2: Annotated[float, Quantity("1/rad2", 0.0, 1e6, "Eq. 36")]
+    t_i_load_1prad2ps: Annotated[float, Quantity("1/(rad2 s)", 0.0, 1e6, "Eq. 35")]
+    k_initial_load_ratio: Annotated[float, Quantity("-", -1e3, 1e3, "Eq. 37")]
+    leak_load_1ps: Annotated[float, Quantity("1/s", 0.0, 1e2, "Eq. 41")]
+    rate_load_s: Annotated[float, Quantity("s", 0.0, 1e3, "Eq. 40")]
+    error_max_deg: Annotated[float, Quantity("deg", 1e-3, INF, "inf: none, as in the source")] = INF
+    gain_max_ratio: Annotated[float, Quantity("-", 1e-3, INF, "inf: none, as in the source")] = INF
+
+
+class Tracking(Section):
+    """How `sag` and `integrated` sense, track and hand over: the source's way, or a better one."""
+
+    rate: Literal["difference", "analytic", "observer"]
+    """Of the heat-flux error: backward difference (the source); from path angle and drag; observed,
+    and then the heat flux itself too."""
+    integral: Literal["runs", "held"]
+    """The path-angle integral while a tracker is active; it runs in the source."""
+    hand_over: Literal["fade", "bumpless"]
+    """At the release the error fades (Eq. 31), or the correction goes into the integral."""
+    path_loop: Literal["printed", "designed"]
+    """Gains of Eq. 17 as [nominal] has them, or those of a loop with a frequency of its own."""
+    path_loop_radps: Annotated[float, Quantity("rad/s", 1e-4, 10.0, "of the designed one")] = 0.05
+    path_loop_damping: Annotated[float, Quantity("-", 0.0, 10.0, "of the designed one")] = 0.7
+    guard_ratio: Annotated[
+        float, Quantity("-", 0.0, 1.0, "of the set point: too hot is fed back after the release")
+    ] = 0.0
+    adaptation_s: Annotated[
+        float, Quantity("s", 0.0, 1e4, "filter on sensed over modelled forces; 0: the model alone")
+    ] = 0.0
+    adaptation_load_min_g: Annotated[float, Quantity("g", 0.0, 10.0, "nothing learnt below")] = 0.05
+    adaptation_max_ratio: Annotated[float, Quantity("-", 0.0, 0.95, "largest departure")] = 0.5
+    peak_floor_ratio: Annotated[
+        float, Quantity("-", 0.0, 1.0, "of the set point: no heat-flux peak below it")
+    ] = 0.0
+    peak_scale_exponent: Annotated[
+        float, Quantity("-", 1.0, 10.0, "of set point over a lower peak, on the constant")
+    ] = 1.0
+    observer: Observer
+
+
 class Design(Section):
     """The whole file."""
 
@@ -153,6 +201,8 @@ class Design(Section):
     gates: Gates = Gates()
     nominal: Nominal | None = None
     lqy: Lqy | None = None
+    sag: Sag | None = None
+    tracking: Tracking | None = None
     nominal_flight: NominalFlight = NominalFlight()
     drag: DragTracking | None = None
     drag_observer: Observer | None = None
