@@ -20,6 +20,7 @@ from sim_harness.mission_keys import (
     TableAtmosphere,
     Us76Atmosphere,
 )
+from sim_harness.profiles import air_record
 from sim_harness.way import fill_way
 from sim_harness.world import atmosphere as atmospheres
 from sim_harness.world import records
@@ -33,8 +34,8 @@ FULL_TURN_DEG = 360.0
 CSV_COLUMNS = ("altitude_km", "density_kgpm3", "sound_speed_mps", "temperature_k")
 
 
-def world_record(mission: "Mission") -> np.ndarray:
-    """The WORLD record of a mission, shape (1,), read-only."""
+def world_record(mission: "Mission", seed: int) -> np.ndarray:
+    """The WORLD record of a mission's flight, shape (1,), read-only."""
     world = np.zeros(1, records.WORLD)
     world["dt_s"] = mission.dt_s
     planet = mission.planet
@@ -59,6 +60,7 @@ def world_record(mission: "Mission") -> np.ndarray:
         fill_way(world["end"]["way"][0], mission)
     fill_navigation(world["navigation"], mission)
     world["atmosphere"] = atmosphere_record(mission)
+    world["air"] = air_record(mission, seed)
     world.setflags(write=False)
     return world
 
@@ -84,6 +86,7 @@ def fill_aerodynamics(record: np.ndarray, mission: "Mission") -> None:
     record["area_m2"] = mission.vehicle.reference_area_m2
     record["side_lift_ratio"] = mission.vehicle.side_lift_ratio
     model = mission.vehicle.aerodynamics
+    record["lift_ratio"], record["drag_ratio"] = model.lift_factor, model.drag_factor
     if isinstance(model, ConstantAerodynamics):
         record["model"] = records.AERO_CONSTANT
         record["lift_coefficient"] = model.lift_coefficient
@@ -200,7 +203,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     return columns
 
 
-def truth_record(mission: "Mission") -> np.ndarray:
+def truth_record(mission: "Mission", seed: int) -> np.ndarray:
     """The TRUTH record at entry, shape (1,), with the derived fields filled."""
     entry = mission.entry
     velocity = Velocity(
@@ -223,5 +226,5 @@ def truth_record(mission: "Mission") -> np.ndarray:
     truth["heading_rad"] = velocity.heading_rad
     truth["bank_rad"] = math.radians(entry.bank_deg)
     truth["alpha_rad"] = math.radians(entry.angle_of_attack_deg)
-    vehicle.start(mission.world()[0], truth[0])
+    vehicle.start(mission.world(seed)[0], truth[0])
     return truth

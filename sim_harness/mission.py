@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
+from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation, Wind
 from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
 from sim_harness.mission_errors import chosen, item_of, nearest, sections_of, sentence
 from sim_harness.mission_keys import (
@@ -45,6 +46,7 @@ class Mission(Section):
     atmosphere: Annotated[
         ExponentialAtmosphere | Us76Atmosphere | TableAtmosphere, Field(discriminator="model")
     ]
+    wind: Wind = Wind()
     vehicle: Vehicle
     heating: Heating | None = None
     entry: Entry
@@ -97,17 +99,28 @@ class Mission(Section):
             return self._path.parent / self.guidance.gains
         return GAINS / self.name
 
-    def world(self) -> np.ndarray:
-        """The WORLD record, shape (1,), read-only."""
+    def as_modelled(self) -> Self:
+        """The mission as the ground models it: without factors, random profiles and winds."""
+        density, forces = DensityDeviation().model_dump(), AerodynamicDeviation().model_dump()
+        aerodynamics = self.vehicle.aerodynamics.model_copy(update=forces)
+        changes = {
+            "atmosphere": self.atmosphere.model_copy(update=density),
+            "vehicle": self.vehicle.model_copy(update={"aerodynamics": aerodynamics}),
+            "wind": Wind(),
+        }
+        return self.model_copy(update=changes)
+
+    def world(self, seed: int = 0) -> np.ndarray:
+        """The WORLD record of the flight with a seed, shape (1,), read-only."""
         from sim_harness.assembly import world_record
 
-        return world_record(self)
+        return world_record(self, seed)
 
-    def truth(self) -> np.ndarray:
+    def truth(self, seed: int = 0) -> np.ndarray:
         """The TRUTH record at entry, shape (1,), derived fields filled."""
         from sim_harness.assembly import truth_record
 
-        return truth_record(self)
+        return truth_record(self, seed)
 
 
 class Shipped(NamedTuple):

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation
 from sim_harness.quantities import (
     INF,
     Quantity,
@@ -37,7 +38,7 @@ class Planet(Section):
     g0_mps2: Annotated[float, Quantity("m/s2", 0.1, 100.0, "unit of the load factor")] = 9.80665
 
 
-class ExponentialAtmosphere(Section):
+class ExponentialAtmosphere(DensityDeviation):
     """Density falls by 1/e every scale height."""
 
     model: Literal["exponential"]
@@ -48,13 +49,13 @@ class ExponentialAtmosphere(Section):
     ]
 
 
-class Us76Atmosphere(Section):
+class Us76Atmosphere(DensityDeviation):
     """U.S. Standard Atmosphere 1976 to 1,000 km; above 86 km the speed of sound is held."""
 
     model: Literal["us76"]
 
 
-class TableAtmosphere(Section):
+class TableAtmosphere(DensityDeviation):
     """A table of one's own: in the mission file, or a CSV file with the same names as header."""
 
     model: Literal["table"]
@@ -98,7 +99,7 @@ class TableAtmosphere(Section):
         return self
 
 
-class ConstantAerodynamics(Section):
+class ConstantAerodynamics(AerodynamicDeviation):
     """The same coefficients at every angle of attack and Mach number."""
 
     model: Literal["constant"]
@@ -106,7 +107,7 @@ class ConstantAerodynamics(Section):
     drag_coefficient: Annotated[float, Quantity("-", 0.0, 100.0, "C_D")]
 
 
-class NewtonianAerodynamics(Section):
+class NewtonianAerodynamics(AerodynamicDeviation):
     """C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2; s, c = sin, cos of the angle of attack."""
 
     model: Literal["newtonian"]
@@ -122,7 +123,7 @@ def coefficient_rows(low: float, what: str) -> Series:
     return Rows("-", low, 100.0, meaning, AERO_TABLE_MAX)
 
 
-class TableAerodynamics(Section):
+class TableAerodynamics(AerodynamicDeviation):
     """Coefficients against angle of attack and Mach, bilinear, held at the edges."""
 
     model: Literal["table"]

@@ -6,14 +6,15 @@ the forces take the angle of mid-frame, which keeps the step second order in the
 
 import math
 
-from flight_sw.atmosphere import density, sound_speed
+from flight_sw.atmosphere import sound_speed
 from flight_sw.great_circle import range_flown
 from flight_sw.types_ import Record
 from sim_harness.actuators import follow, is_ideal
 from sim_harness.jit import kernel
-from sim_harness.world.aerodynamics import areas
+from sim_harness.world.aerodynamics import true_areas
+from sim_harness.world.air import aero_accelerations, airspeed, true_density
 from sim_harness.world.heating import heat_flux
-from sim_harness.world.motion import aero_accelerations, step, wrapped
+from sim_harness.world.motion import step, wrapped
 from sim_harness.world.planet.gravity import haversine_m, jacobi_energy
 from sim_harness.world.records import (
     AERO_TABLE,
@@ -42,7 +43,7 @@ def hold_areas(world: Record, held: Record, alpha_rad: float) -> None:
     aero = world["aerodynamics"]
     held["alpha_rad"] = alpha_rad
     if aero["model"] != AERO_TABLE:
-        held["lift_area_m2"], held["drag_area_m2"] = areas(aero, alpha_rad, 0.0)
+        held["lift_area_m2"], held["drag_area_m2"] = true_areas(aero, alpha_rad, 0.0)
 
 
 @kernel
@@ -75,17 +76,19 @@ def outputs(world: Record, truth: Record) -> None:
     alt = truth["alt_m"]
     v = truth["v_rel_mps"]
     radius = planet["radius_m"] + alt
-    rho = density(world["atmosphere"], alt)
-    lift, drag = aero_accelerations(world, truth["held"], alt, v, rho)
-    flux = heat_flux(world["heating"], rho, v)
+    rho = true_density(world, alt)
+    v_air = airspeed(world, alt, v, truth["flight_path_angle_rad"], truth["heading_rad"])
+    lift, drag = aero_accelerations(world, truth["held"], alt, v_air, rho)
+    flux = heat_flux(world["heating"], rho, v_air)
     load_factor = math.sqrt(lift * lift + drag * drag) / planet["g0_mps2"]
-    pressure = 0.5 * rho * v * v
+    pressure = 0.5 * rho * v_air * v_air
     s_lat = math.sin(truth["lat_rad"])
     c_lat = math.cos(truth["lat_rad"])
+    truth["v_air_mps"] = v_air
     truth["lift_mps2"] = lift
     truth["drag_mps2"] = drag
     truth["rho_kgpm3"] = rho
-    truth["mach"] = v / sound_speed(world["atmosphere"], alt)
+    truth["mach"] = v_air / sound_speed(world["atmosphere"], alt)
     truth["dynamic_pressure_pa"] = pressure
     truth["heat_flux_wpm2"] = flux
     truth["load_factor_g"] = load_factor

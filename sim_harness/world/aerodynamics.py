@@ -52,7 +52,7 @@ def table_areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, flo
 
 @kernel
 def areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, float]:
-    """C_L S and C_D S in m2; the lift coefficient may be negative."""
+    """C_L S and C_D S in m2 as the model has them; the lift coefficient may be negative."""
     area_m2 = aero["area_m2"]
     if aero["model"] == AERO_CONSTANT:
         return area_m2 * aero["lift_coefficient"], area_m2 * aero["drag_coefficient"]
@@ -63,3 +63,10 @@ def areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, float]:
         axial = area_m2 * (aero["a1"] * c * c + aero["a2"] * s * s)
         return normal * c - axial * s, normal * s + axial * c
     return table_areas(aero, alpha_rad, mach)
+
+
+@kernel
+def true_areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, float]:
+    """C_L S and C_D S in m2 as they are: the model's, each times its ratio."""
+    lift_m2, drag_m2 = areas(aero, alpha_rad, mach)
+    return aero["lift_ratio"] * lift_m2, aero["drag_ratio"] * drag_m2

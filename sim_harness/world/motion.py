@@ -1,8 +1,9 @@
 """Translational motion of a point mass over a rotating planet, spherical coordinates.
 
 [MOOIJ18] Eqs 1-6, with the northward component of gravity added for J2. Speed and directions are
-relative to the rotating planet, and the air turns with it. One RK4 step per minor frame; the heat
-load is integrated with the motion.
+relative to the rotating planet, and the air turns with it. In a wind the aerodynamic forces act
+along and across the motion through the air, and are resolved here. One RK4 step per minor frame;
+the heat load is integrated with the motion.
 
 Limits: spherical coordinates are singular at the poles and in vertical flight. Three floors keep
 the rates finite there; they have no effect further than 6 m from a pole of the Earth, 0.006 deg
@@ -13,13 +14,10 @@ frame's step cannot follow the heading past a pole it misses by less than about 
 
 import math
 
-from flight_sw.atmosphere import density, sound_speed
 from flight_sw.types_ import Record
 from sim_harness.jit import kernel
-from sim_harness.world.aerodynamics import areas
-from sim_harness.world.heating import heat_flux
+from sim_harness.world.air import air_loads
 from sim_harness.world.planet.gravity import gravity
-from sim_harness.world.records import AERO_TABLE
 
 COS_LAT_MIN = 1e-6  # floor on cos(lat): acts within 6 m of a pole of the Earth
 COS_FPA_MIN = 1e-4  # floor on cos(flight-path angle): acts within 0.006 deg of the vertical
@@ -34,21 +32,6 @@ def away_from_zero(x: float, floor: float) -> float:
     if x >= 0.0:
         return max(x, floor)
     return min(x, -floor)
-
-
-@kernel
-def aero_accelerations(
-    world: Record, held: Record, alt_m: float, v_rel_mps: float, rho_kgpm3: float
-) -> tuple[float, float]:
-    """Lift and drag per mass, m/s2."""
-    aero = world["aerodynamics"]
-    lift_area_m2 = held["lift_area_m2"]
-    drag_area_m2 = held["drag_area_m2"]
-    if aero["model"] == AERO_TABLE:
-        mach = v_rel_mps / sound_speed(world["atmosphere"], alt_m)
-        lift_area_m2, drag_area_m2 = areas(aero, held["alpha_rad"], mach)
-    pressure_per_mass = 0.5 * rho_kgpm3 * v_rel_mps * v_rel_mps / aero["mass_kg"]
-    return pressure_per_mass * lift_area_m2, pressure_per_mass * drag_area_m2
 
 
 @kernel
@@ -75,8 +58,7 @@ def rates(
     c_fpa_safe = away_from_zero(c_fpa, COS_FPA_MIN)
     v_safe = max(v, V_MIN_MPS)
 
-    rho = density(world["atmosphere"], alt_m)
-    lift, drag = aero_accelerations(world, held, alt_m, v, rho)
+    along, across, right, flux = air_loads(world, held, alt_m, v, s_fpa, c_fpa, s_head, c_head)
     g_down, g_north = gravity(planet, r, s_lat, c_lat)
     # Gravity and centrifugal acceleration together: up and north, in the meridian plane.
     up = spin * spin * r * c_lat * c_lat - g_down
@@ -87,18 +69,17 @@ def rates(
     lat_rate = v * c_fpa * c_head / r
     alt_rate = v * s_fpa
     # [MOOIJ18] Eqs 1-3
-    v_rate = up * s_fpa + north * c_fpa * c_head - drag
+    v_rate = up * s_fpa + north * c_fpa * c_head + along
     fpa_rate = (
-        (lift * held["cos_bank"] + up * c_fpa - north * s_fpa * c_head) / v_safe
+        (across + up * c_fpa - north * s_fpa * c_head) / v_safe
         + 2.0 * spin * c_lat * s_head
         + v * c_fpa / r
     )
     heading_rate = (
-        (lift * held["sin_bank"] - north * s_head) / (v_safe * c_fpa_safe)
+        (right - north * s_head) / (v_safe * c_fpa_safe)
         + 2.0 * spin * (s_lat - c_lat * s_fpa / c_fpa_safe * c_head)
         + v * c_fpa * s_lat / c_lat_safe * s_head / r
     )
-    flux = heat_flux(world["heating"], rho, v)
     return lon_rate, lat_rate, alt_rate, v_rate, fpa_rate, heading_rate, flux
 
 

@@ -43,6 +43,8 @@ AERODYNAMICS = np.dtype(
         ("mass_kg", "f8"),
         ("area_m2", "f8"),  # that the coefficients refer to
         ("side_lift_ratio", "f8"),  # share of the lift's sideways part that acts
+        ("lift_ratio", "f8"),  # true lift over the model's
+        ("drag_ratio", "f8"),
         ("lift_coefficient", "f8"),  # AERO_CONSTANT
         ("drag_coefficient", "f8"),
         ("n1", "f8"),  # AERO_NEWTONIAN: C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2
@@ -92,6 +94,22 @@ END = np.dtype(
     align=True,
 )
 
+AIR_CELLS = 256
+
+AIR = np.dtype(
+    [
+        ("is_disturbed", "i8"),  # 0: density is the atmosphere's
+        ("has_wind", "i8"),  # 0: none
+        ("low_m", "f8"),  # of the first cell
+        ("cells_pm", "f8"),  # cells per metre
+        ("ln_rho", "f8", (AIR_CELLS, 4)),  # of true over atmosphere's; powers 0..3 of the share
+        ("wind_east_mps", "f8", (AIR_CELLS, 4)),  # likewise; towards the east
+        ("wind_north_mps", "f8", (AIR_CELLS, 4)),
+    ],
+    align=True,
+)
+"""How the air differs from the atmosphere at rest."""
+
 NAV_CHANNELS = 11  # of navigation.CHANNELS
 NAV_PAIRS = 6  # of channels that share a stream of noise; the last has one alone
 
@@ -124,6 +142,7 @@ WORLD = np.dtype(
         ("end", END),
         ("navigation", NAVIGATION),
         ("atmosphere", ATMOSPHERE),
+        ("air", AIR),
     ],
     align=True,
 )
@@ -149,13 +168,14 @@ TRUTH = np.dtype(
         ("lat_rad", "f8"),  # geocentric
         ("alt_m", "f8"),  # above the sphere of the planet's radius
         ("v_rel_mps", "f8"),  # relative to the rotating planet
+        ("v_air_mps", "f8"),  # relative to the air: v_rel without wind
         ("flight_path_angle_rad", "f8"),  # of v_rel, positive up
         ("heading_rad", "f8"),  # of v_rel, from north, positive to the east, -pi to pi
-        ("bank_rad", "f8"),  # positive: lift to the right of v_rel; -pi to pi
+        ("bank_rad", "f8"),  # positive: lift to the right of the motion through the air; -pi to pi
         ("alpha_rad", "f8"),
         ("bank_rate_radps", "f8"),
         ("alpha_rate_radps", "f8"),
-        ("drag_mps2", "f8"),  # positive against v_rel
+        ("drag_mps2", "f8"),  # positive against the motion through the air
         ("lift_mps2", "f8"),  # signed as the lift coefficient
         ("rho_kgpm3", "f8"),
         ("mach", "f8"),

@@ -1,6 +1,7 @@
 """The same flight, the other way: inertial Cartesian coordinates, adaptive DOP853, no shortcuts."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ class Twin(NamedTuple):
     mass_kg: float = 1000.0
     rho0_kgpm3: float = 1.225
     scale_height_m: float = 7200.0
+    wind: Callable[[float], tuple[float, float]] = lambda _: (0.0, 0.0)
+    """East and north, m/s, at an altitude in m."""
 
     def acceleration(self, place: Any, velocity: Any, bank_rad: float) -> Any:
         """Inertial acceleration, J2 as the Cartesian textbook form."""
@@ -28,8 +31,10 @@ class Twin(NamedTuple):
         k = 1.5 * self.j2 * EARTH_MU_M3PS2 * EARTH_RADIUS_M**2 / r**5
         ratio = 5.0 * z * z / (r * r)
         oblate = k * np.array([x * (ratio - 1.0), y * (ratio - 1.0), z * (ratio - 3.0)])
-        wind = np.cross([0.0, 0.0, self.spin_radps], place)
-        air = velocity - wind
+        east = np.cross([0.0, 0.0, 1.0], place) / math.hypot(x, y)
+        to_east, to_north = self.wind(r - EARTH_RADIUS_M)
+        wind = to_east * east + to_north * np.cross(place / r, east)
+        air = velocity - np.cross([0.0, 0.0, self.spin_radps], place) - wind
         v = np.linalg.norm(air)
         rho = self.rho0_kgpm3 * math.exp(-(r - EARTH_RADIUS_M) / self.scale_height_m)
         pressure = 0.5 * rho * v * v / self.mass_kg

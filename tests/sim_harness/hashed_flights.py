@@ -38,6 +38,15 @@ MISSIONS = {
         "actuators__bank": SLOW_AXIS,
         "actuators__alpha": SLOW_AXIS,
     },
+    "wind, random air, factors": {
+        "vehicle__aerodynamics": {**TABLE, "lift_factor": 1.1, "drag_factor": 0.95},
+        "atmosphere": {
+            "model": "us76",
+            "density_factor": 1.1,
+            "density_sigma_top_ratio": 0.2,
+        },
+        "wind": {"east_mps": 30.0, "sigma_ground_mps": 10.0, "sigma_top_mps": 50.0},
+    },
 }
 NAVIGATION = {
     "position_noise_m": 20.0,

@@ -70,6 +70,9 @@ class Problem:
         self.world = mission.world().copy()
         self.world["dt_s"] = 1.0 / choice.rate_hz
         self.world["aerodynamics"]["side_lift_ratio"] = 0.0
+        # What the mission lays on the world is not for the computer to know.
+        self.world["aerodynamics"]["lift_ratio"] = self.world["aerodynamics"]["drag_ratio"] = 1.0
+        self.world["air"]["is_disturbed"] = self.world["air"]["has_wind"] = 0
         end = self.world["end"]
         end["speed_mps"], end["alt_m"], end["at_target"] = self.target.speed_mps, -math.inf, 0
         self.log = np.zeros(math.ceil(mission.end.time_max_s * choice.rate_hz) + 2, TRUTH)
