@@ -21,6 +21,7 @@ from tools.commands import (
     info,
     missions,
     replay,
+    reproduce,
     review,
     timing,
 )
@@ -46,6 +47,7 @@ app.command()(review.review)
 app.command()(timing.timing)
 app.add_typer(bench.app, name="bench")
 app.add_typer(bus.app, name="bus")
+app.add_typer(reproduce.app, name="reproduce")
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

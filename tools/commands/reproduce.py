@@ -1,0 +1,58 @@
+"""`aeroshell reproduce`: a paper's tables and batches beside what is flown here."""
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tools.reproduce.judged import Progress, Reproduction
+
+app = typer.Typer(help="Fly a paper again and judge the deviations.", no_args_is_help=True)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="print everything as JSON")]
+QuickOption = Annotated[
+    bool, typer.Option("--quick", help="the tables and a few flights of each batch")
+]
+
+
+def progress_line() -> "Progress":
+    """Tells on a terminal what is being flown."""
+    import sys
+
+    from rich.console import Console
+
+    console = Console(stderr=True)
+
+    def tell(text: str) -> None:
+        if sys.stderr.isatty():
+            console.print(text, highlight=False)
+
+    return tell
+
+
+def end_with(reproduction: "Reproduction", as_json: bool) -> None:
+    """Show it; exit status 1 where a bar was missed."""
+    from rich.console import Console
+
+    from tools.reproduce.show import show
+
+    if as_json:
+        print(json.dumps(reproduction.to_json(), indent=1))
+    else:
+        show(reproduction, Console())
+    if not reproduction.all_hold:
+        raise typer.Exit(1)
+
+
+@app.callback()
+def papers() -> None:
+    """A subcommand a paper."""
+
+
+@app.command()
+def mooij(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
+    """Hyperion-1 of [MOOIJ18]: Tables 1, 2 and 5, the batches of Sections IV and V."""
+    from tools.reproduce.mooij import reproduce
+
+    end_with(reproduce(quick=quick, progress=progress_line()), as_json)

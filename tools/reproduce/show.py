@@ -1,0 +1,38 @@
+"""A reproduction on a terminal: a table a part, what its deviations come from, the verdict last."""
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tools.reproduce.judged import Reproduction, Row
+
+WIDTH_MIN = 110  # columns: a narrower terminal wraps whole lines, not every cell
+HOLDS = {True: "yes", False: "NO", None: ""}
+
+
+def _here(row: Row) -> str:
+    if row.here is None:
+        return ""
+    return f"{row.here:,.1f}" if abs(row.here) >= 100.0 else f"{row.here:,.3g}"
+
+
+def show(reproduction: Reproduction, console: Console) -> None:
+    """Print every part; the last line is the verdict."""
+    for part in reproduction.parts:
+        table = Table(title=part.title, title_justify="left", box=box.SIMPLE_HEAD)
+        table.add_column("quantity", no_wrap=True)
+        for name in ("paper", "here", "deviation"):
+            table.add_column(name, justify="right", no_wrap=True)
+        table.add_column("bar", no_wrap=True)
+        table.add_column("holds")
+        for row in part.rows:
+            style = "red" if row.holds is False else None
+            unit = f", {row.unit}" if row.unit else ""
+            table.add_row(
+                row.quantity + unit, row.paper, _here(row), row.deviation, row.bar,
+                HOLDS[row.holds], style=style,
+            )  # fmt: skip
+        console.print(table, width=max(console.width, WIDTH_MIN), soft_wrap=True)
+        console.print(part.attribution, highlight=False)
+        console.print()
+    console.print(reproduction.verdict, highlight=False)
