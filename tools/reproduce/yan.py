@@ -8,8 +8,8 @@ bar is on that. Its Table 3 is met in order and spread, with the stop rule infer
 from typing import NamedTuple
 
 import numpy as np
-from tools.reproduce.judged import Part, Progress, Reproduction, Row, at_least, at_most, told
 
+from tools.reproduce.judged import Part, Progress, Reproduction, Row, at_least, at_most, told
 from tools.reproduce.yan_flights import (
     AS_PRINTED,
     DISPERSED,
