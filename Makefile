@@ -1,5 +1,5 @@
 # Everything runs in .venv, which `make setup` builds from requirements.lock.
-# `make help` lists the targets; `make test` is the whole of CI.
+# `make help` lists the targets; `make test` and `make vcan` are the whole of CI.
 
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
@@ -133,6 +133,13 @@ vcan: setup ## the SocketCAN tests: natively, or in a user-mode Linux booted for
 vcan-slow: setup ## ten minutes of foreign traffic at full rate
 	@echo "== slow tests on vcan0"
 	tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider -m "vcan and slow" tests/vcan
+
+.PHONY: latency
+latency: setup ## measure the round trip on every bus, vcan in the box if need be, into README
+	@rows="$$(mktemp)"
+	trap 'rm -f "$$rows"' EXIT
+	tests/vcan/run bash -c "$(BIN)/aeroshell bench latency --seconds 20 --bus socketcan:vcan0 --json >'$$rows'"
+	$(BIN)/aeroshell bench latency --bus memory --bus unix --rows "$$rows" --readme README.md
 
 # --- cleaning ----------------------------------------------------------------------------------
 

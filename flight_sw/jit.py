@@ -20,6 +20,15 @@ import numpy as np
 
 from flight_sw.kernel_cache import serialise_saves
 
+FLAGS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "fastmath": False,
+    "error_model": "numpy",
+    # No reference counts: they are atomic, and shared by the threads of a campaign. A kernel that
+    # would allocate is refused by the compiler.
+    "_nrt": False,
+}
 CACHE_VARIABLE = "AEROSHELL_CACHE_DIR"
 SOURCE_SUFFIXES = (".py", ".dbc")
 FLIGHT_ROOT = Path(__file__).parent
@@ -67,7 +76,7 @@ def kernel_decorator(*roots: Path) -> Callable[..., Any]:
         before = config.CACHE_DIR
         config.CACHE_DIR = folder
         try:
-            return numba.njit(function, cache=True, nogil=True, fastmath=False, error_model="numpy")
+            return numba.njit(function, **FLAGS)
         finally:
             config.CACHE_DIR = before
 

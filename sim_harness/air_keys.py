@@ -45,7 +45,7 @@ class Wind(Section):
 
     east_mps: Annotated[float, Quantity("m/s", -1000.0, 1000.0, "towards the east, all over")] = 0.0
     north_mps: Annotated[float, Quantity("m/s", -1000.0, 1000.0, "towards the north")] = 0.0
-    altitude_km: Annotated[
+    table_altitude_km: Annotated[
         tuple[float, ...] | None,
         Series("km", -50.0, 1e5, "altitude of each row of the table", ROWS_MAX, 2, ascending=True),
     ] = None
@@ -72,11 +72,11 @@ class Wind(Section):
     def has_a_whole_table(self) -> Self:
         """Altitudes with at least one column of their length, or none of it."""
         columns = [c for c in (self.east_table_mps, self.north_table_mps) if c is not None]
-        rows = [self.altitude_km] if self.altitude_km is not None else []
+        rows = [self.table_altitude_km] if self.table_altitude_km is not None else []
         if bool(columns) != bool(rows):
             raise refusal(
-                "has part of a table, allowed altitude_km with east_table_mps, north_table_mps "
-                "or both"
+                "has part of a table, allowed table_altitude_km with east_table_mps, "
+                "north_table_mps or both"
             )
         lengths = {len(column) for column in (*columns, *rows)}
         if len(lengths) > 1:

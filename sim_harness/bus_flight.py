@@ -31,10 +31,8 @@ from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightPlan, FlightRun
 from sim_harness.jit import kernel
 from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
-from sim_harness.pacing import fly_in_real_time, punctuality
+from sim_harness.pacing import fly_in_real_time, punctuality, stolen_s
 from sim_harness.port import take
-from sim_harness.telemetry.records import BUS_LOG
-from sim_harness.world.records import TRUTH
 
 BOOT = icd.slot("FSW_BOOT")
 BOOT_CRC = icd.value_index("FSW_BOOT", "load_crc32")
@@ -134,10 +132,7 @@ class BusFlight:
             return NOT_BOOT
         frame = np.frombuffer(raw, FRAME).copy()
         if self.run.plan.recorded:
-            rows = np.zeros(1, BUS_LOG)
-            rows["frame"] = frame
-            for listener in self.run.listeners:
-                listener.rows(rows, np.zeros(0, TRUTH))
+            self.run.hand_on(frame)
         return int(hear_boot(self.run.harness, frame, self.run.image.crc32))
 
     def await_computer(self) -> None:
@@ -202,13 +197,13 @@ class BusFlight:
         run = self.run
         if run.plan.pace > 0.0:
             lock_memory(MCL_CURRENT)  # what the loop uses is there; whoever drains it may grow
-            allowed = leave_processor(self.processor)
+            allowed, before_s = leave_processor(self.processor), stolen_s()
             try:
                 run.fly_beside(self.fly_paced)
             finally:
                 os.sched_setaffinity(0, allowed)
                 unlock_memory()
-                run.punctuality = punctuality(run)
+                run.punctuality = punctuality(run, before_s)
         else:
             run.fly(lambda: self.chunk(run.chunk_cycles))
 

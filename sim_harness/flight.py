@@ -23,6 +23,7 @@ from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, parse_image
 from flight_sw.types_ import Frames
 from sim_harness.jit import kernel
+from sim_harness.journal import BUS_ROWS, TRUTH_ROWS, Journal
 from sim_harness.loop import (
     BUS,
     BUS_LOST,
@@ -45,6 +46,7 @@ CHUNK_CYCLES = {"memory": 5000, "bus": 1000}  # minor frames flown between two l
 RING_S = 2.0  # of a flight against the clock that its logs hold, undrained
 RING_CYCLES_MAX = 65536
 DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
+DRAIN_FLIGHT_S = 0.5  # of flight, at any pace
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
 OTHER_OUTCOMES = {
     BUS_LOST: "bus lost",
@@ -144,6 +146,7 @@ class FlightRun:
         self.chunk_cycles = cycles
         self.rx = np.zeros(RX_CAPACITY, FRAME)
         self.tx = np.zeros(TX_CAPACITY, FRAME)
+        self.journal: Journal | None = None
         self._sha256 = hashlib.sha256()
         self.slip_watch = SlipWatch()
 
@@ -157,12 +160,35 @@ class FlightRun:
         harness = self.harness
         n = put_request(harness["codec"][0], harness["port"][0], code, self.image.crc32, self.tx)
         if self.plan.recorded:
-            rows = np.zeros(n, BUS_LOG)
-            rows["t_s"] = harness["truth"]["t_s"]
-            rows["frame"] = self.tx[:n]
-            for listener in self.listeners:
-                listener.rows(rows, np.zeros(0, TRUTH))
+            self.hand_on(self.tx[:n])
         return self.tx[:n].copy()
+
+    def hand_on(self, frames: Frames) -> None:
+        """Have frames recorded that passed on the bus outside the loop."""
+        rows = np.zeros(len(frames), BUS_LOG)
+        rows["t_s"] = self.harness["truth"]["t_s"]
+        rows["frame"] = frames
+        if self.journal is not None:
+            self.journal.append(BUS_ROWS, rows)
+        for listener in self.listeners:
+            listener.rows(rows, np.zeros(0, TRUTH))
+
+    def keep_journal(self, recording: Path, recording_id: str) -> Journal:
+        """Keep a journal beside a recording: the loop's own, unless it flies against the clock."""
+        self.journal = Journal(recording, recording_id, TRUTH)
+        if self.plan.pace <= 0.0:
+            logs = self.logs
+            self.journal.serve_loop(self.harness, logs.bus, logs.truth, self.plan.mission.dt_s)
+        return self.journal
+
+    def _look_after_journal(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
+        if self.journal is None:
+            return
+        if self.plan.pace > 0.0:
+            self.journal.append(BUS_ROWS, bus)
+            self.journal.append(TRUTH_ROWS, truth)
+        if why := self.journal.look(self.harness):
+            self.warn(f"{self.journal.path.name} ended, {why}: a kill may lose more than a second")
 
     def _taken(self, log: int, ring: npt.NDArray[np.void], limit: str) -> npt.NDArray[np.void]:
         """What the loop has put into a ring log since the last look, in order."""
@@ -191,6 +217,7 @@ class FlightRun:
         self._sha256.update(self._taken(COMMANDS, self.logs.commands, limit).tobytes())
         bus = self._taken(BUS, self.logs.bus, limit)
         truth = self._taken(TRUTHS, self.logs.truth, limit)
+        self._look_after_journal(bus, truth)
         for listener in self.listeners:
             if self.plan.recorded:
                 listener.rows(bus, truth)
@@ -211,7 +238,7 @@ class FlightRun:
         start_s = time.perf_counter()
         flight.start()
         try:
-            self.wait_for(flight, DRAIN_S)
+            self.wait_for(flight, min(DRAIN_S, DRAIN_FLIGHT_S / max(self.plan.pace, 1.0)))
         finally:
             self.wall_s = time.perf_counter() - start_s
             self.outcome = outcomes[0] if outcomes else INTERRUPTED
@@ -265,18 +292,24 @@ def hand_over(loads: Frames, states: Frames, rx: Frames, n_rx: int, tx: Frames) 
     return minor_frame(loads[0], states[0], rx, n_rx, tx)
 
 
-def fly_memory(run: FlightRun) -> None:
-    """Fly with the minor frame called in the same compiled loop as the world."""
+def memory_loop(run: FlightRun, timed: bool) -> tuple[Callable[[int], int], Frames, Frames]:
+    """What flies up to so many cycles, the computer's state, and the histogram of its steps."""
     state = new_state(run.image.law)
-    step_time = np.zeros(1, HISTOGRAM)
-    start_s = time.perf_counter()
-    run.waiting("compiling the flight loop for this processor, once")
+    step_time = np.zeros(int(timed), HISTOGRAM)
 
     def chunk(cycles: int) -> int:
         return int(
             fly_in_memory(run.harness, run.load, state, step_time, run.rx, run.tx, run.logs, cycles)
         )
 
+    return chunk, state, step_time
+
+
+def fly_memory(run: FlightRun, timed: bool = True) -> None:
+    """Fly with the minor frame called in the same compiled loop as the world."""
+    start_s = time.perf_counter()
+    run.waiting("compiling the flight loop for this processor, once")
+    chunk, state, step_time = memory_loop(run, timed)
     chunk(0)
     armed = run.request(ARM)
     hand_over(run.load, state, armed, len(armed), run.tx)
@@ -285,14 +318,14 @@ def fly_memory(run: FlightRun) -> None:
     run.fly(lambda: chunk(run.chunk_cycles))
     stop = run.request(STOP)
     hand_over(run.load, state, stop, len(stop), run.tx)
-    counted = state["rx"]["counted"][0]
     run.computer = {
-        "step_time_us": percentiles_us(step_time[0]),
-        "step_time_bins_us": filled_bins_us(step_time[0]),
         "compile_s": round(run.compile_s, 3),
-        "verdicts": verdicts(counted),
+        "verdicts": verdicts(state["rx"]["counted"][0]),
         "incomplete_sets": int(state["incomplete_sets"][0]),
     }
+    if timed:
+        run.computer["step_time_us"] = percentiles_us(step_time[0])
+        run.computer["step_time_bins_us"] = filled_bins_us(step_time[0])
 
 
 def verdicts(counted: npt.NDArray[np.int64]) -> dict[str, int]:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
-from sim_harness.air_keys import Wind
+from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation, Wind
 from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
 from sim_harness.mission_errors import chosen, item_of, nearest, sections_of, sentence
 from sim_harness.mission_keys import (
@@ -96,6 +96,17 @@ class Mission(Section):
         if self.guidance.gains is not None:
             return self._path.parent / self.guidance.gains
         return GAINS / self.name
+
+    def as_modelled(self) -> Self:
+        """The mission as the ground models it: without factors, random profiles and winds."""
+        density, forces = DensityDeviation().model_dump(), AerodynamicDeviation().model_dump()
+        aerodynamics = self.vehicle.aerodynamics.model_copy(update=forces)
+        changes = {
+            "atmosphere": self.atmosphere.model_copy(update=density),
+            "vehicle": self.vehicle.model_copy(update={"aerodynamics": aerodynamics}),
+            "wind": Wind(),
+        }
+        return self.model_copy(update=changes)
 
     def world(self, seed: int = 0) -> np.ndarray:
         """The WORLD record of the flight with a seed, shape (1,), read-only."""

@@ -5,7 +5,9 @@ that is not complete when the next frame begins is late: the actuators stay on t
 loop runs in a thread of its own and never waits for whoever takes its logs.
 """
 
+import os
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +65,7 @@ SLEEP_ONLY_NS = 2_000_000  # nearer to the deadline the loop sleeps instead of l
 LATE_LOOKS = 4  # of a frame that began late: hub and computer on its processor run in between
 NAP_NS = 100_000  # between two looks at the bus in the last millisecond of a frame
 NS_PER_MS = 1_000_000
+PROCESSOR_TIMES, STOLEN_AT = Path("/proc/stat"), 8
 
 
 def new_pacer(plan: "FlightPlan") -> np.ndarray:
@@ -86,7 +89,19 @@ def pace_so_far(run: "FlightRun") -> float:
     return float(run.harness["truth"]["t_s"][0]) / max(elapsed_ns, 1) * 1e9
 
 
-def punctuality(run: "FlightRun") -> dict[str, Any]:
+def stolen_s(path: Path = PROCESSOR_TIMES) -> float:
+    """Processor time that a hypervisor has given to others so far, over all processors.
+
+    Most slips of a virtual machine are its doing; what it takes by a quota may be counted low.
+    """
+    try:
+        first = path.read_text(encoding="ascii").partition("\n")[0].split()
+    except OSError:
+        return 0.0
+    return int(first[STOLEN_AT]) / os.sysconf("SC_CLK_TCK") if len(first) > STOLEN_AT else 0.0
+
+
+def punctuality(run: "FlightRun", stolen_before_s: float) -> dict[str, Any]:
     """What the summary tells of a paced flight on the harness's side."""
     pacer = run.pacer[0]
     reached = pace_so_far(run)
@@ -95,6 +110,7 @@ def punctuality(run: "FlightRun") -> dict[str, Any]:
         "late_commands": int(pacer["late_commands"]),
         "pace_reached": reached,
         "pace_held": bool(pacer["slips"] == 0 and reached >= HELD_RATIO * run.plan.pace),
+        "stolen_s": round(stolen_s() - stolen_before_s, 2),
         "harness_late_max_us": float(pacer["late_max_ns"]) / 1e3,
         "harness_wake_up_us": percentiles_us(pacer["wake_up"]),
         "round_trip_us": percentiles_us(pacer["round_trip"]),

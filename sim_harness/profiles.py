@@ -104,8 +104,8 @@ def wind_profile(mission: "Mission", seed: int, edges_m: F8, stream: int) -> F8:
     is_east = stream == noise.WIND_EAST
     values = np.full(edges_m.size, keys.east_mps if is_east else keys.north_mps)
     table = keys.east_table_mps if is_east else keys.north_table_mps
-    if keys.altitude_km is not None and table is not None:
-        knots_m = np.array(keys.altitude_km) * 1e3
+    if keys.table_altitude_km is not None and table is not None:
+        knots_m = np.array(keys.table_altitude_km) * 1e3
         held_m = np.clip(edges_m, knots_m[0], knots_m[-1])
         values += PchipInterpolator(knots_m, table)(held_m)
     sigma = sigma_at(edges_m, keys.sigma_ground_mps, keys.sigma_top_mps, keys.sigma_top_km)

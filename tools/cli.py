@@ -20,6 +20,7 @@ from tools.commands import (
     gains,
     info,
     missions,
+    replay,
     reproduce,
     review,
     timing,
@@ -41,6 +42,7 @@ app.command()(missions.missions)
 app.command()(gains.gains)
 app.command()(info.info)
 app.command()(export.export)
+app.command()(replay.replay)
 app.command()(review.review)
 app.command()(timing.timing)
 app.add_typer(bench.app, name="bench")

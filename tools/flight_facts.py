@@ -75,6 +75,7 @@ def facts(recording: Recording) -> dict[str, Any]:
         "bytes": recording.path.stat().st_size,
         "is_complete": recording.is_complete,
         "until_s": recording.until_s,
+        "from_journal_s": recording.from_journal_s,
         "manifest": dict(recording.manifest),
         "outcome": dict(recording.outcome),
         "frames": len(recording.bus),

@@ -44,6 +44,8 @@ class FlightTiming(NamedTuple):
     flown: dict[str, Any]
     counts: dict[str, Any]
     measured: list[Measured]
+    stolen_s: float | None = None
+    """Processor time that the hypervisor gave to others meanwhile."""
 
     @property
     def is_lockstep(self) -> bool:
@@ -56,6 +58,7 @@ class FlightTiming(NamedTuple):
             "source": self.source,
             **self.flown,
             **self.counts,
+            "stolen_s": self.stolen_s,
             "measured": [quantity._asdict() for quantity in self.measured],
         }
 
@@ -115,8 +118,9 @@ def read_timing(flight: Path) -> FlightTiming:
     try:
         flown, counts = ({key: told[key] for key in keys} for keys in (FLOWN, COUNTS))
         measured = _measured(told["timing"])
+        stolen_s = told["timing"]["harness"].get("stolen_s")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise TimingError(f"{path}: holds no timing, or one of another version") from error
     if not measured:
         raise TimingError(f"{path}: holds no timing, nothing of the flight was measured")
-    return FlightTiming(str(path), flown, counts, measured)
+    return FlightTiming(str(path), flown, counts, measured, stolen_s)

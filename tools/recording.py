@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim_harness.flight import FlightRun
+from sim_harness.journal import Journal
 from sim_harness.summary import results_of
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel
@@ -16,9 +17,16 @@ class FlightRecorder:
     """A listener of a flight that writes flight.mcap."""
 
     def __init__(
-        self, path: Path, manifest: dict[str, str], attachments: dict[str, tuple[str, bytes]]
+        self,
+        path: Path,
+        manifest: dict[str, str],
+        attachments: dict[str, tuple[str, bytes]],
+        telemetry_rate_hz: float = 10.0,
     ) -> None:
-        self._recorder = Recorder(path, manifest, attachments, on_failure=self._tell)
+        self._recorder = Recorder(
+            path, manifest, attachments, telemetry_rate_hz, on_failure=self._tell
+        )
+        self.journal: Journal | None = None
 
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
         """Hand what was logged on to the recorder."""
@@ -40,6 +48,12 @@ class FlightRecorder:
     def close(self, run: FlightRun) -> None:
         """Complete the file with how the flight ended and how it kept time."""
         self._recorder.close(run.outcome_text, results_of(run))
+        if self.journal is None:
+            return
+        if self._recorder.failure is None:
+            self.journal.remove()
+        else:
+            self.journal.close()
 
     @staticmethod
     def _tell(failure: str) -> None:

@@ -4,6 +4,7 @@ This is the ground's decoder. It takes the messages of any of our DBC files, so 
 made with another one is still read, and it shares nothing with the flight codec but the DBC.
 """
 
+import functools
 import math
 import tempfile
 from collections.abc import Sequence
@@ -168,3 +169,9 @@ class Decoder:
             s.name: raw[:, i] if s.scale == 1.0 and s.offset == 0.0 else physical[:, i]
             for i, s in enumerate(self.messages[slot].signals)
         }
+
+
+@functools.cache
+def decoder_of(dbc: bytes) -> Decoder:
+    """The decoder for a DBC that came with a recording; its tables are made once."""
+    return Decoder(messages_of(dbc))

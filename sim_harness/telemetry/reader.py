@@ -5,6 +5,7 @@ is false. A wrong checksum anywhere else than at the torn end of such a file is 
 """
 
 import functools
+import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -13,9 +14,12 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.errors import RecordingError
-from sim_harness.telemetry.decode import NO_SLOT, Decoder, messages_of
+from sim_harness.journal import Kept, read_journal
+from sim_harness.telemetry import unpack
+from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
+from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
-from sim_harness.telemetry.schema import log_schema, message_class, record_dtype
+from sim_harness.telemetry.schema import flat_fields, log_schema, message_class, record_dtype
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
 from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
 from sim_harness.telemetry.writer import (
@@ -31,9 +35,11 @@ from sim_harness.telemetry.writer import (
 Rows = npt.NDArray[np.void]
 F8 = npt.NDArray[np.float64]
 I8 = npt.NDArray[np.int64]
+U1 = npt.NDArray[np.uint8]
 
 NS_PER_S = 1_000_000_000
 DBC_SUFFIX = ".dbc"
+RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recording
 
 
 def open_recording(path: Path | str) -> "Recording":
@@ -54,15 +60,26 @@ def open_recording(path: Path | str) -> "Recording":
     written = contents.metadata[MANIFEST].get("format", "missing")
     if written != FORMAT:
         raise RecordingError(f"{path.name}: format is {written}, this reader knows {FORMAT}")
-    return Recording(path, contents)
+    kept = None if contents.is_complete else read_journal(path)
+    if kept is not None and kept.recording_id != contents.metadata[MANIFEST].get(RECORDING_KEY):
+        kept = None  # another flight's
+    return Recording(path, contents, kept)
+
+
+def load_kernels() -> None:
+    """Compile, or read from the cache, what reading a recording needs."""
+    unpack.load_kernels()
+    decoder = decoder_of(icd.DBC_PATH.read_bytes())
+    decoder.values(decoder.slots(np.zeros(0, BUS_LOG)), np.zeros(0, np.uint64))
 
 
 class Recording:
     """One flight as it was recorded."""
 
-    def __init__(self, path: Path, contents: Contents) -> None:
+    def __init__(self, path: Path, contents: Contents, kept: Kept | None = None) -> None:
         self.path = path
         self._contents = contents
+        self._kept = kept
 
     @property
     def is_complete(self) -> bool:
@@ -95,7 +112,7 @@ class Recording:
     @functools.cached_property
     def decoder(self) -> Decoder:
         """Reads this recording's frames, through the DBC that came with it."""
-        return Decoder(messages_of(self.attachment(DBC_SUFFIX)))
+        return decoder_of(self.attachment(DBC_SUFFIX))
 
     @property
     def has_our_dbc(self) -> bool:
@@ -103,14 +120,46 @@ class Recording:
         return self.attachment(DBC_SUFFIX) == icd.DBC_PATH.read_bytes()
 
     @property
+    def dbc_sha256(self) -> tuple[str, str]:
+        """Hashes of the DBC that came with it, and of this version's."""
+        theirs = hashlib.sha256(self.attachment(DBC_SUFFIX)).hexdigest()
+        return theirs, icd.DBC_SHA256
+
+    @property
+    def period_s(self) -> float | None:
+        """The minor frame; None where the manifest does not tell."""
+        told = self.manifest.get("period_s")
+        return float(told) if told else None
+
+    @property
     def until_s(self) -> float:
         """Mission time of the last message."""
-        return self._contents.last_ns / NS_PER_S
+        last_s = self._contents.last_ns / NS_PER_S
+        return max(last_s, self._journal_until_s)
+
+    @property
+    def _journal_until_s(self) -> float:
+        return float(self._kept.bus["t_s"][-1]) if self._kept and len(self._kept.bus) else 0.0
+
+    @property
+    def from_journal_s(self) -> float:
+        """How much of the flight the journal beside an incomplete recording adds to it."""
+        return self.until_s - self._contents.last_ns / NS_PER_S
+
+    @functools.cached_property
+    def _recorded_bus(self) -> Rows:
+        return np.concatenate([np.zeros(0, BUS_LOG), *self.bus_chunks()])
 
     @functools.cached_property
     def bus(self) -> Rows:
-        """All CAN frames in bus order, as BUS_LOG."""
-        return np.concatenate([np.zeros(0, BUS_LOG), *self.bus_chunks()])
+        """All CAN frames in bus order, as BUS_LOG; a journal that goes on for longer has them."""
+        if self._kept and len(self._kept.bus) > len(self._recorded_bus):
+            return self._kept.bus
+        return self._recorded_bus
+
+    @property
+    def _is_from_journal(self) -> bool:
+        return self.bus is not self._recorded_bus
 
     def bus_chunks(self) -> Iterator[Rows]:
         """The CAN frames chunk by chunk, as BUS_LOG."""
@@ -120,12 +169,20 @@ class Recording:
     @functools.cached_property
     def missing_minor_frames(self) -> int:
         """Minor frames that the recorder dropped, as the gaps in their numbering tell."""
+        if self._is_from_journal:
+            return 0
         numbers = self._topic(FRAMES_TOPIC).sequences()
         return int(numbers[-1]) + 1 - len(numbers) if len(numbers) else 0
 
     @functools.cached_property
     def truth(self) -> Rows:
         """The sampled truth, nested fields flattened; empty when none was recorded."""
+        recorded = self._recorded_truth()
+        if self._kept is None or len(self._kept.truth) <= len(recorded):
+            return recorded
+        return flattened(self._kept.truth)
+
+    def _recorded_truth(self) -> Rows:
         topic = self._topic(TRUTH_TOPIC)
         if topic.schema is None:
             return np.zeros(0, np.dtype([("t_s", "f8")]))
@@ -147,16 +204,36 @@ class Recording:
             read = line.FromString(payload)
             t_s = read.timestamp.ToNanoseconds() / NS_PER_S
             lines.append(LogLine(t_s, LogLevel(read.level), read.message))
-        return lines
+        return lines + self._lines_of_journal()
+
+    def _lines_of_journal(self) -> list[LogLine]:
+        """The events that frames of the journal tell of, and the recorder had no time to log."""
+        if not self._is_from_journal:
+            return []
+        events, recorded = Events(self.decoder), len(self._recorded_bus)
+        events.lines(self.bus[:recorded], self.slots[:recorded])
+        return events.lines(self.bus[recorded:], self.slots[recorded:])
 
     @functools.cached_property
-    def _slots(self) -> I8:
+    def rows_before_gap(self) -> int:
+        """Frames in front of the first minor frame that is missing; all if none is."""
+        topic = self._topic(FRAMES_TOPIC)
+        numbers = topic.sequences()
+        lost = np.flatnonzero(numbers != np.arange(len(numbers)))
+        if self._is_from_journal or not len(lost):
+            return len(self.bus)
+        counts = [_frame_counts(*piece) for piece in topic.pieces]
+        return int(np.concatenate(counts)[: int(lost[0])].sum())
+
+    @functools.cached_property
+    def slots(self) -> I8:
+        """The message in each frame of the bus; NO_SLOT for one of no known form."""
         return self.decoder.slots(self.bus)
 
     @property
     def frames_not_decoded(self) -> int:
         """Frames with an unknown identifier, a wrong length or a wrong checksum."""
-        return int(np.count_nonzero(self._slots == NO_SLOT))
+        return int(np.count_nonzero(self.slots == NO_SLOT))
 
     def value_names(self, message: str) -> dict[str, dict[int, str]]:
         """What the values of a message's enumerations are called, by signal."""
@@ -166,11 +243,33 @@ class Recording:
     def message(self, name: str) -> tuple[F8, dict[str, F8 | I8]]:
         """Every good frame of a CAN message: mission times, and values by signal."""
         slot = self.decoder.slot(name)
-        rows = self.bus[self._slots == slot]
+        rows = self.bus[self.slots == slot]
         return rows["t_s"], self.decoder.columns(slot, rows["frame"]["data"])
 
     def _topic(self, name: str) -> Topic:
         return self._contents.topics.get(name) or Topic(None, [])
+
+
+def flattened(rows: Rows) -> Rows:
+    """Records of numbers with nested ones flattened, as a recording has them."""
+    fields = flat_fields(rows.dtype)
+    out = np.zeros(len(rows), np.dtype([(name, inner) for name, _, inner in fields]))
+    for name, path, _ in fields:
+        column = rows
+        for part in path:
+            column = column[part]
+        out[name] = column
+    return out
+
+
+def _bodies(octets: U1, starts: I8) -> I8:
+    """How far into each aeroshell.CanFrames message its frames begin: their length is a varint."""
+    return HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
+
+
+def _frame_counts(blob: bytes, starts: I8, sizes: I8) -> I8:
+    """Frames in each message."""
+    return (sizes - _bodies(np.frombuffer(blob, np.uint8), starts)) // BUS_LOG["frame"].itemsize
 
 
 def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
@@ -178,11 +277,9 @@ def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
     octets = np.frombuffer(blob, np.uint8)
     times = starts[:, None] + np.arange(HEAD_BYTES + 1, HEAD_BYTES + 1 + WORD_BYTES)
     t_s = octets[times].view(np.float64)[:, 0]
-    bodies = HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
-    spans = zip((starts + bodies).tolist(), (starts + sizes).tolist(), strict=True)
+    spans = zip((starts + _bodies(octets, starts)).tolist(), (starts + sizes).tolist(), strict=True)
     frames = b"".join([blob[a:b] for a, b in spans])
-    frame = BUS_LOG["frame"]
-    rows = np.zeros(len(frames) // frame.itemsize, BUS_LOG)
-    rows["frame"] = np.frombuffer(frames, frame)
-    rows["t_s"] = np.repeat(t_s, (sizes - bodies) // frame.itemsize)
+    rows = np.zeros(len(frames) // BUS_LOG["frame"].itemsize, BUS_LOG)
+    rows["frame"] = np.frombuffer(frames, BUS_LOG["frame"])
+    rows["t_s"] = np.repeat(t_s, _frame_counts(blob, starts, sizes))
     return rows

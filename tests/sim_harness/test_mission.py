@@ -107,7 +107,9 @@ MASS_ALLOWED = "allowed 0.001 to 10000000 kg"
         (
             'model = "us76"',
             'model = "us76"\nscale_height_m = 7e3',
-            "atmosphere.scale_height_m is not a known key; allowed model",
+            "atmosphere.scale_height_m is not a known key; allowed density_factor, "
+            "density_sigma_ground_ratio, density_sigma_top_ratio, density_sigma_top_km, "
+            "density_correlation_km, model",
         ),
         ("n1 = 0.7976", "n1 = 1e3", "vehicle.aerodynamics.n1 is 1000, allowed -100 to 100"),
         ('"relative"', '"local"', 'entry.frame is "local", allowed relative, inertial'),

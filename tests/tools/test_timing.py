@@ -8,7 +8,7 @@ import pytest
 
 from flight_sw.errors import AeroshellError
 from tools.cli import main
-from tools.commands.bench import BEGIN, END, replaced, table
+from tools.commands.bench import BEGIN, END, as_object, replaced, rows_in, table
 from tools.flight_timing import QUANTITIES, read_timing
 from tools.foreign_traffic import foreign_frames, foreign_identifiers
 from tools.latency import Latency
@@ -163,6 +163,23 @@ def test_the_table_goes_between_its_markers_and_nowhere_else(tmp_path: Path) -> 
     readme.write_text("no markers\n")
     with pytest.raises(AeroshellError, match="has no lines"):
         replaced(readme, "new")
+
+
+def test_rows_measured_elsewhere_follow_ours(tmp_path: Path) -> None:
+    percentiles_us = {"p50": 1.0, "p99": 2.0, "p999": 3.0, "max": 4.0}
+    row = Latency("socketcan:vcan0 (a box)", "idle", 1000, 2, 0.0, percentiles_us)
+    rows = tmp_path / "rows.json"
+    rows.write_text(json.dumps(as_object([row], 20.0)))
+    assert rows_in(rows) == [row]
+    assert "| socketcan:vcan0 (a box) | none | 1.0 | 2.0 | 3.0 | 4.0 | 1,000 | 2 |" in table([row])
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"rows": [{"bus": "unix"}]}'])
+def test_rows_that_are_none_are_refused(text: str, tmp_path: Path) -> None:
+    rows = tmp_path / "rows.json"
+    rows.write_text(text)
+    with pytest.raises(AeroshellError, match="is not what --json prints"):
+        rows_in(rows)
 
 
 def test_foreign_identifiers_are_nobodys() -> None:

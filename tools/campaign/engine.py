@@ -2,16 +2,20 @@
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 
 from flight_sw.errors import FlightError
+from sim_harness.outcomes import NOT_FLOWN
+from tools.campaign.cluster import Cluster
+from tools.campaign.job import Flyer
 from tools.campaign.plan import Plan, Wanted, plan_of
 from tools.campaign.pool import fly_in_threads, processors
 from tools.campaign.store import Store, read_manifest, read_results, read_samples
+from tools.campaign.verdict import check_metrics, judged
 
 JOBS_MAX = 1024
 
@@ -33,16 +37,36 @@ Progress = Callable[[int, int], None]
 """Told how many flights are done, and of how many."""
 
 
-def fly_all(plan: Plan, store: Store, jobs: int, progress: Progress) -> float:
-    """Fly what is missing; returns the seconds that took."""
-    begun_s = time.perf_counter()
-    progress(store.flown, plan.n)
-    for row in fly_in_threads(plan, store.to_fly(), jobs):
+def keep_all(plan: Plan, store: Store, rows: Iterable[dict[str, Any]], progress: Progress) -> None:
+    """Keep rows as they come; the first flown one shows whether the requirements can be judged."""
+    checked = False
+    for row in rows:
+        if not checked and row["outcome_class"] not in NOT_FLOWN:
+            check_metrics(plan.requirements, row)
+            checked = True
         store.add(row)
         progress(store.flown, plan.n)
-    if not store.is_complete:
-        store.finish()
-    return time.perf_counter() - begun_s
+
+
+def fly_missing(
+    plan: Plan, store: Store, jobs: int, address: str | None, progress: Progress
+) -> dict[str, Any]:
+    """Fly what is missing; returns how that went."""
+    runs = store.to_fly()
+    cluster = Cluster(address) if address is not None and runs else None
+    try:
+        if cluster is None and runs:
+            Flyer(plan.job).compiled()
+        begun_s = time.perf_counter()
+        progress(store.flown, plan.n)
+        rows = cluster.fly(plan, runs) if cluster else fly_in_threads(plan, runs, jobs)
+        keep_all(plan, store, rows, progress)
+        at_a_time = cluster.threads() if cluster else jobs
+    finally:
+        if cluster is not None:
+            cluster.close()
+    wall_s = round(time.perf_counter() - begun_s, 3)
+    return {"flights": len(runs), "jobs": at_a_time, "wall_s": wall_s}
 
 
 def run_campaign(
@@ -50,6 +74,7 @@ def run_campaign(
     out: Path,
     jobs: int | None = None,
     progress: Progress = lambda done, n: None,
+    cluster: str | None = None,
 ) -> Campaign:
     """Fly a campaign in a folder, or what is missing of it there."""
     jobs = processors() if jobs is None else jobs
@@ -58,11 +83,15 @@ def run_campaign(
     plan = plan_of(wanted)
     store = Store(out, plan)
     try:
-        missing = len(store.to_fly())
-        wall_s = fly_all(plan, store, jobs, progress)
-        if missing or read_manifest(out)["state"] != "done":
-            flown = {"flights": missing, "jobs": jobs, "wall_s": round(wall_s, 3)}
-            store.write_manifest({"state": "done", "flown": flown})
+        if not store.is_complete:
+            flown = fly_missing(plan, store, jobs, cluster, progress)
+            store.finish()
+            store.write_manifest({"state": "flown", "flown": flown})
+        manifest = read_manifest(out)
+        if manifest["state"] != "done":
+            verdict = judged(out, plan.requirements)
+            how = manifest.get("flown")
+            store.write_manifest({"state": "done", "flown": how, "verdict": verdict})
     finally:
         store.close()
     return read_campaign(out)

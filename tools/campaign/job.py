@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from flight_sw.errors import AeroshellError, MissionError
 from flight_sw.load_image import image_bytes
 from sim_harness.assembly import read_csv
-from sim_harness.flight import FlightPlan, FlightRun, Onboard, fly_memory, onboard_of
+from sim_harness.flight import FlightPlan, FlightRun, Onboard, fly_memory, memory_loop, onboard_of
 from sim_harness.mission import Mission, apply, find, leaf_keys, mission_of, read_toml, resolve
 from sim_harness.outcomes import NUMERICAL
 from sim_harness.summary import flight_facts
@@ -168,7 +168,12 @@ class Flyer:
                 "run": run.number, "seed": run.seed, "outcome": told, "outcome_class": NUMERICAL
             }  # fmt: skip
 
-    def _flown(self, run: Run) -> FlightRun:
+    def compiled(self) -> None:
+        """Compile the flight loop, so that the first flight takes no longer than the others."""
+        run = self._aloft(Run(0, {}, 0, {}))
+        memory_loop(run, timed=False)[0](0)
+
+    def _aloft(self, run: Run) -> FlightRun:
         what = self.prepared(run)
         plan = FlightPlan(
             mission=what.mission,
@@ -179,6 +184,9 @@ class Flyer:
             seed=run.seed,
             recorded=False,
         )
-        flight = FlightRun(plan, [], what.onboard)
-        fly_memory(flight)
+        return FlightRun(plan, [], what.onboard)
+
+    def _flown(self, run: Run) -> FlightRun:
+        flight = self._aloft(run)
+        fly_memory(flight, timed=False)
         return flight

@@ -28,6 +28,7 @@ VERDICT = "verdict.json"
 JOURNAL = "flights.jsonl"
 LOCK = ".lock"
 LOAD = "{law}.load"
+MISSION = "mission.toml"
 GROUP_ROWS = 1024  # a row group of results.parquet, and the most rows held at once
 KINDS = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
@@ -64,11 +65,12 @@ class Store:
     def _adopt(self) -> None:
         """Begin in an empty folder, or go on in one of the same campaign."""
         if not (self.folder / MANIFEST).is_file():
-            others = sorted(p.name for p in self.folder.iterdir() if p.name not in (LOCK, SAMPLES))
-            kept = [n for n in others if n != LOAD.format(law=self.plan.job.law)]
-            if kept:
+            own = {LOCK, SAMPLES, MISSION, LOAD.format(law=self.plan.job.law)}
+            own |= {f"{name}.new" for name in (*own, MANIFEST)}  # killed while it began
+            others = sorted({p.name for p in self.folder.iterdir()} - own)
+            if others:
                 raise FlightError(
-                    f"--out {self.folder}: holds {kept[0]} and no {MANIFEST}: not a campaign"
+                    f"--out {self.folder}: holds {others[0]} and no {MANIFEST}: not a campaign"
                 )
             self._begin()
             return
@@ -83,6 +85,7 @@ class Store:
         plan = self.plan
         write_table(samples_table(plan.samples), self.folder / SAMPLES)
         write_atomically(self.folder / LOAD.format(law=plan.job.law), plan.job.load_image)
+        write_atomically(self.folder / MISSION, Path(plan.job.mission_file).read_bytes())
         self.write_manifest({"state": "flying"})
 
     def write_manifest(self, more: dict[str, Any]) -> None:
@@ -217,7 +220,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         return decoded(json.loads((folder / MANIFEST).read_text(encoding="utf-8")))
     except OSError as error:
-        raise FlightError(f"{folder}: no campaign, {MANIFEST} {error.strerror}") from error
+        raise FlightError(f"{folder}: no campaign there ({MANIFEST}: {error.strerror})") from error
     except ValueError as error:
         raise FlightError(f"{folder / MANIFEST}: not JSON ({error})") from error
 

@@ -26,6 +26,12 @@ def latency(
     seconds: Annotated[
         float, typer.Option(min=SECONDS_MIN, max=SECONDS_MAX, help="length of each measurement")
     ] = 10.0,
+    bus: Annotated[
+        list[str] | None, typer.Option(help="memory, unix or socketcan:INTERFACE [default: all]")
+    ] = None,
+    rows: Annotated[
+        Path | None, typer.Option(help="what --json printed elsewhere: its rows follow ours")
+    ] = None,
     readme: Annotated[
         Path | None, typer.Option(help="put the table between this file's two markers")
     ] = None,
@@ -36,10 +42,12 @@ def latency(
 
     if readme is not None:
         replaced(readme, "")  # refused before anything is measured
+    elsewhere = rows_in(rows) if rows is not None else []
     found = []
-    for row in measure(seconds):
+    for row in measure(seconds, bus):
         found.append(row)
         sys.stderr.write(f"{row.bus}, {row.traffic}: {row.sets} sets\n")
+    found += elsewhere
     if as_json:
         print(json.dumps(as_object(found, seconds), indent=1))
     else:
@@ -51,6 +59,19 @@ def latency(
 def as_object(found: "list[Latency]", seconds: float) -> dict[str, Any]:
     """What `--json` prints."""
     return {"seconds": seconds, "rows": [row._asdict() for row in found]}
+
+
+def rows_in(path: Path) -> "list[Latency]":
+    """The rows of a file with `--json`'s object."""
+    from flight_sw.errors import AeroshellError
+    from tools.latency import Latency
+
+    try:
+        return [Latency(**row) for row in json.loads(path.read_text(encoding="utf-8"))["rows"]]
+    except OSError as error:
+        raise AeroshellError(f"--rows {path}: cannot be read, {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise AeroshellError(f"--rows {path}: is not what --json prints") from error
 
 
 def table(found: "list[Latency]") -> str:

@@ -89,6 +89,9 @@ def campaign(
     jobs: Annotated[
         int | None, typer.Option(help="flights at a time [default: processors]")
     ] = None,
+    cluster: Annotated[
+        str | None, typer.Option(help="address of a Dask scheduler, such as tcp://host:8786")
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
@@ -100,6 +103,9 @@ def campaign(
         Path | None, typer.Option(help="folder; one of the same campaign goes on [below runs/]")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print only campaign.json")] = False,
+    fail_on_verdict: Annotated[
+        bool, typer.Option("--fail-on-verdict", help="exit 1 unless every requirement is met")
+    ] = False,
 ) -> None:
     """Fly a campaign; killed and started again, it goes on where it was."""
     from tools.campaign.engine import run_campaign
@@ -108,23 +114,31 @@ def campaign(
     wanted = Wanted(mission, dispersions, n, seed, law, tuple(settings or ()), load)
     folder = _folder(out, mission, law, dispersions)
     with ProgressOfMany(quiet=as_json) as progress:
-        flown = run_campaign(wanted, folder, jobs, progress)
+        flown = run_campaign(wanted, folder, jobs, progress, cluster)
     if as_json:
         told: dict[str, Any] = {k: v for k, v in flown.manifest.items() if k != "job"}
         print(json.dumps(told, indent=1))
     else:
         _show(flown)
+    if fail_on_verdict and not flown.manifest["verdict"]["all_met"]:
+        raise typer.Exit(1)
 
 
 def _show(flown: "Campaign") -> None:
-    """Counts of the outcome classes, and how fast it went."""
-    from collections import Counter
+    """Classes, distributions, verdicts, and how fast it went."""
+    from rich.console import Console
 
-    classes = Counter(flown.results["outcome_class"].to_pylist())
-    told = ", ".join(f"{count:,} {name}" for name, count in sorted(classes.items()))
-    identity, how = flown.manifest["identity"], flown.manifest.get("flown")
+    from tools.campaign.tables import distribution_table, requirement_table
+
+    identity, verdict = flown.manifest["identity"], flown.manifest["verdict"]
+    counts = {name: count for name, count in verdict["outcome_classes"].items() if count}
+    told = ", ".join(f"{count:,} {name}" for name, count in counts.items())
+    console = Console()
+    console.print(distribution_table(flown))
+    if verdict["requirements"]:
+        console.print(requirement_table(verdict["requirements"]))
     print(f"{identity['mission']}, law {identity['law']}, {identity['n']:,} flights: {told}")
-    if how:
+    if how := flown.manifest.get("flown"):
         print(
             f"{how['flights']:,} flown in {how['wall_s']:,.1f} s, "
             f"{how['flights'] / how['wall_s']:.1f} flights/s, {how['jobs']} at a time; "

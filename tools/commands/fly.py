@@ -17,6 +17,23 @@ SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
+TelemetryRate = Annotated[
+    float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
+]
+BusAddress = Annotated[
+    str, typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE")
+]
+
+
+MissionName = Annotated[
+    str | None, typer.Argument(help="a shipped mission, or the path of a mission TOML")
+]
+FromCampaign = Annotated[
+    Path | None, typer.Option("--from", help="folder of a campaign: fly one run of it again")
+]
+LoadFile = Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")]
+RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
+
 
 class Folder:
     """The folder of a flight's files: the one named, or the next free one below runs/."""
@@ -76,15 +93,37 @@ def check_bus(bus: str, factor: float, synchronisation: str, *, external_compute
         raise FlightError("--external-computer: needs --bus unix:PATH or socketcan:INTERFACE")
 
 
+def checked_rate(rate_hz: float) -> float:
+    """The rate of telemetry in a recording, refused before anything is flown."""
+    from flight_sw.errors import RecordingError
+    from sim_harness.telemetry.writer import RATE_MAX_HZ
+
+    if not 0.0 < rate_hz <= RATE_MAX_HZ:
+        raise RecordingError(
+            f"--telemetry-rate {rate_hz:g}: allowed are above 0 to {RATE_MAX_HZ:g} Hz"
+        )
+    return rate_hz
+
+
 def _manifest(run: "FlightRun") -> dict[str, str]:
+    import uuid
     from importlib.metadata import version
+    from platform import python_version
 
     from sim_harness.mission import differences
+    from sim_harness.summary import pace_text
+    from sim_harness.telemetry.reader import RECORDING_KEY
 
     plan = run.plan
     return {
         "project": "aeroshell",
         "version": version("aeroshell"),
+        **{name: version(name) for name in ("numba", "numpy")},
+        "python": python_version(),
+        RECORDING_KEY: uuid.uuid4().hex,
+        "period_s": repr(plan.mission.dt_s),
+        "pace": pace_text(plan.pace),
+        "synchronisation": plan.synchronisation,
         "mission": plan.mission.name,
         "law": run.image.law,
         "bus": plan.bus,
@@ -117,11 +156,14 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     from flight_sw.errors import AeroshellError
     from sim_harness.bus_flight import fly_bus
     from sim_harness.flight import fly_memory
+    from sim_harness.telemetry.reader import RECORDING_KEY
     from tools.recording import FlightRecorder
 
     with ExitStack() as resources:
         if folder is not None:
-            recorder = FlightRecorder(folder / RECORDING_NAME, _manifest(run), _attachments(run))
+            path, manifest = folder / RECORDING_NAME, _manifest(run)
+            recorder = FlightRecorder(path, manifest, _attachments(run), run.plan.truth_rate_hz)
+            recorder.journal = run.keep_journal(path, manifest[RECORDING_KEY])
             resources.callback(lambda: recorder.close(run))
             run.listeners.append(recorder)
         try:
@@ -138,15 +180,12 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
 
 
 def fly(
-    mission: Annotated[
-        str, typer.Argument(help="a shipped mission, or the path of a mission TOML")
-    ],
+    mission: MissionName = None,
     *,
+    campaign: FromCampaign = None,
+    run: RunOfIt = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
-    bus: Annotated[
-        str,
-        typer.Option(help="memory, unix (two processes), unix:PATH of a hub, socketcan:INTERFACE"),
-    ] = "unix",
+    bus: BusAddress = "unix",
     pace: Annotated[
         str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
     ] = "lockstep",
@@ -157,15 +196,14 @@ def fly(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
     ] = None,
-    load: Annotated[
-        Path | None, typer.Option(help="load image to fly instead of the gains'")
-    ] = None,
+    load: LoadFile = None,
     seed: Annotated[
         int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="folder of its files [default: below runs/]")
     ] = None,
+    telemetry_rate: TelemetryRate = 10.0,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
@@ -176,9 +214,9 @@ def fly(
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from sim_harness.flight import FlightPlan
-    from tools.overrides import prepare
 
-    prepared = prepare(mission, law, settings or [], load)
+    own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
+    prepared, seed, then = _what_to_fly(own, campaign, run)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
     folder = Folder(out, prepared.mission.name, prepared.law, force)
@@ -189,6 +227,7 @@ def fly(
         load_path=_load_path(prepared, folder.path),
         bus=bus,
         seed=seed,
+        truth_rate_hz=checked_rate(telemetry_rate),
         recorded=record,
         own_computer=not external_computer,
         pace=factor,
@@ -197,6 +236,39 @@ def fly(
     summary = _fly(plan, folder, as_json)
     if not as_json:
         _show(summary, prepared, folder.path)
+    if campaign is not None and run is not None:
+        _compare(campaign, run, then, summary)
+
+
+def _what_to_fly(
+    own: dict[str, Any], campaign: Path | None, run: int | None
+) -> tuple["Prepared", int, dict[str, Any] | None]:
+    """What was asked for with the options of one's own, or a run of a campaign and its result."""
+    from flight_sw.errors import FlightError
+    from tools.campaign.again import again
+    from tools.overrides import prepare
+
+    if campaign is None and own["MISSION"] is None:
+        raise typer.BadParameter("name a mission, or a campaign's folder with --from")
+    if (campaign is None) != (run is None):
+        raise typer.BadParameter("--from and --run go together")
+    if campaign is None or run is None:
+        settings = own["--set"] or []
+        return prepare(own["MISSION"], own["--law"], settings, own["--load"]), own["--seed"], None
+    if given := [name for name, value in own.items() if value]:
+        raise FlightError(f"--from {campaign}: takes no {given[0]}, the campaign says what flew")
+    return again(campaign, run)
+
+
+def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[str, Any]) -> None:
+    """Say whether a run flown again had the commands that it had in its campaign."""
+    from tools.campaign.again import check_same
+
+    if then is None or not then.get("command_sha256"):
+        sys.stderr.write(f"run {run} of {campaign} has no commands there to compare with\n")
+        return
+    check_same(campaign, run, then, now)
+    sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
 
 
 def _load_path(prepared: "Prepared", folder: Path) -> Path:

@@ -53,7 +53,10 @@ def _state(found: dict[str, Any]) -> str:
     flown = f"{found['until_s']:.2f} s of flight"
     if found["is_complete"]:
         return f"{found['path']}: complete, {flown}"
-    return f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
+    cut_off = f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
+    if found["from_journal_s"] > 0.0:
+        cut_off += f", the last {found['from_journal_s']:.2f} s in its journal"
+    return cut_off
 
 
 def _contents(found: dict[str, Any]) -> str:

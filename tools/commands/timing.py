@@ -74,6 +74,10 @@ def _text(found: "FlightTiming") -> str:
             f"ticks          {counts['ticks']:8,}    cycles closed without navigation",
             f"late commands  {counts['late_commands']:8,}    frames flown with the command before",
         ]
+    if found.stolen_s is not None:
+        lines.append(
+            f"stolen         {found.stolen_s:8.2f}    s of processor time, by a hypervisor"
+        )
     width = max(len(quantity.title) for quantity in found.measured)
     lines += ["", " " * width + "".join(f"{label:>12}" for label in PERCENTILES.values()) + "  us"]
     for quantity in found.measured:

@@ -170,6 +170,7 @@ FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
 
 def fill_body(law: str, design: Design, mission: Mission) -> Filled:
     """The body of the load image of one law; raises DesignError where it cannot be designed."""
+    mission = mission.as_modelled()
     body = np.zeros(1, body_spec(law).dtype)
     _common(body[0], law, design, mission)
     return Filled(body, FILLERS[law](body[0], design, mission))

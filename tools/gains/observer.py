@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm, solve_discrete_lyapunov
 
 from flight_sw.types_ import Record
 from tools.gains.schema import Observer
@@ -26,6 +25,8 @@ def discrete(choice: Observer, period_s: float) -> npt.NDArray[np.float64]:
     whole[:2, [0, 1, 2, 4]] = continuous(choice) * period_s
     if choice.hold == "first":
         whole[2, 3] = 1.0
+    from scipy.linalg import expm  # slow to import, and a flight does not need it
+
     of_input = np.asarray(expm(whole)[:2], dtype=np.float64)
     change = of_input[:, 3].copy()
     of_input[:, 2] -= change
@@ -38,6 +39,8 @@ def _noise(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     # A measurement enters twice: at the end of one period, at the beginning of the next.
     drive = before @ before.T + now @ now.T
     cross = transition @ now @ before.T
+    from scipy.linalg import solve_discrete_lyapunov
+
     return np.asarray(solve_discrete_lyapunov(transition, drive + cross + cross.T))
 
 

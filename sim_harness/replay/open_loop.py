@@ -1,0 +1,157 @@
+"""What another load would have commanded, from the frames that a flight's computer heard.
+
+Open loop: the vehicle goes on as it was recorded, whatever the other load would have done with it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.can.receiver import slot_of
+from flight_sw.computer import COMMAND, CYCLE_MODULUS, STATUS, receive, step
+from flight_sw.errors import RecordingError
+from flight_sw.load_image import LoadImage
+from flight_sw.types_ import Record
+from sim_harness.jit import kernel
+from sim_harness.replay.feed import HEARD, Computers, Script, new_script
+from sim_harness.replay.replayer import new_computer
+from sim_harness.replay.script import check_dbc, kinds_of
+from sim_harness.telemetry.reader import Recording
+
+F8 = npt.NDArray[np.float64]
+I8 = npt.NDArray[np.int64]
+Rows = npt.NDArray[np.void]
+
+PERIOD_TOLERANCE = 1e-9  # of the minor frame
+
+ANSWERED = np.dtype(
+    [("t_s", "f8"), ("command", "u8"), ("status", "u8"), ("has_command", "i8")], align=True
+)
+"""What the computer said in one cycle, as frame words."""
+
+
+class Compared(NamedTuple):
+    """Commands of both loads, a row for each cycle that both have answered."""
+
+    t_s: F8
+    recorded: dict[str, F8]
+    other: dict[str, F8]
+    missing: int
+    """Cycles that only one of them has answered."""
+
+
+@kernel
+def _note(codec: Record, answered: Record, frame: Record) -> None:
+    slot = slot_of(codec, frame["can_id"])
+    if slot == COMMAND:
+        answered["command"] = frame["data"]
+        answered["has_command"] = 1
+    elif slot == STATUS:
+        answered["status"] = frame["data"]
+
+
+@kernel
+def _close(computers: Computers, t_s: float, answered: Record) -> None:
+    answered["t_s"] = t_s
+    n_tx = step(computers.load[0], computers.states[0], computers.tx, 0)
+    for i in range(n_tx):
+        _note(computers.load[0]["codec"], answered, computers.tx[i])
+
+
+@kernel
+def answer_all(computers: Computers, script: Script, answered: Rows) -> int:
+    """Run every cycle of a script; returns how many there were."""
+    n = 0
+    tick = 0
+    for row in range(len(script.rows)):
+        t_s = script.rows[row]["t_s"]
+        while tick < len(script.ticks) and script.ticks[tick] <= row and n < len(answered):
+            _close(computers, t_s, answered[n])
+            tick += 1
+            n += 1
+        if script.kinds[row] != HEARD or n >= len(answered):
+            continue
+        if receive(computers.load[0], computers.states[0], script.rows[row]["frame"]):
+            _close(computers, t_s, answered[n])
+            n += 1
+    return n
+
+
+def answers_to(recording: Recording, image: LoadImage, ticks: I8) -> Rows:
+    """What a load answers to a recording's frames, cycle by cycle."""
+    check_dbc(recording)
+    crc32 = int(recording.manifest.get("load_crc32", "0x0"), 16)
+    computers = new_computer(image, crc32)
+    script = new_script(recording.bus, kinds_of(recording))._replace(ticks=ticks)
+    answered = np.zeros(len(recording.bus) + len(ticks), ANSWERED)
+    return answered[: answer_all(computers, script, answered)]
+
+
+def recorded_answers(recording: Recording) -> Rows:
+    """What the computer that flew has answered: each status and the command before it."""
+    data, slots = recording.bus["frame"]["data"], recording.slots
+    commands, statuses = np.flatnonzero(slots == COMMAND), np.flatnonzero(slots == STATUS)
+    before = np.searchsorted(commands, statuses) - 1
+    answered = np.zeros(len(statuses), ANSWERED)
+    answered["t_s"], answered["status"] = recording.bus["t_s"][statuses], data[statuses]
+    answered["has_command"] = before >= 0
+    if len(commands):
+        answered["command"] = data[commands[before]]
+    return answered
+
+
+def compare(recording: Recording, image: LoadImage, ticks: I8) -> Compared:
+    """Both loads' commands, cycle by cycle."""
+    period_s = recording.period_s
+    if period_s is not None and abs(float(image.body["dt_s"][0]) - period_s) > PERIOD_TOLERANCE:
+        raise RecordingError(
+            f"{recording.path.name}: minor frame is {period_s:g} s, "
+            f"the other load's is {float(image.body['dt_s'][0]):g} s"
+        )
+    theirs, ours = recorded_answers(recording), answers_to(recording, image, ticks)
+    cycle_a, a = _by_cycle(recording, theirs)
+    cycle_b, b = _by_cycle(recording, ours)
+    both, in_a, in_b = np.intersect1d(cycle_a, cycle_b, return_indices=True)
+    columns = [_columns(recording, answered[where]) for answered, where in ((a, in_a), (b, in_b))]
+    missing = len(cycle_a) + len(cycle_b) - 2 * len(both)
+    return Compared(a["t_s"][in_a], columns[0], columns[1], missing)
+
+
+def _by_cycle(recording: Recording, answered: Rows) -> tuple[I8, Rows]:
+    """The number of each cycle, counted on past its modulus, and the last answer to it."""
+    answered = answered[answered["has_command"] == 1]
+    cycle = recording.decoder.columns(STATUS, answered["status"])["cycle"].astype(np.int64)
+    steps = (np.diff(cycle, prepend=cycle[:1]) + CYCLE_MODULUS // 2) % CYCLE_MODULUS
+    count = np.cumsum(steps - CYCLE_MODULUS // 2) + (cycle[0] if len(cycle) else 0)
+    last = np.flatnonzero(np.diff(count, append=np.iinfo(np.int64).max) != 0)
+    return count[last], answered[last]
+
+
+def _columns(recording: Recording, answered: Rows) -> dict[str, F8]:
+    command = recording.decoder.columns(COMMAND, answered["command"])
+    status = recording.decoder.columns(STATUS, answered["status"])
+    kept = {**command, **{name: status[name] for name in ("mode", "phase", "tracking")}}
+    return {name: column.astype(np.float64) for name, column in kept.items()}
+
+
+class Spread(NamedTuple):
+    """How far one signal of the commands goes apart."""
+
+    name: str
+    largest: float
+    at_s: float
+    rms: float
+
+
+def spreads(compared: Compared) -> list[Spread]:
+    """Largest and rms difference of bank and angle of attack, other minus recorded."""
+    found = []
+    for name, recorded in compared.recorded.items():
+        if not name.endswith("_rad") or not len(recorded):
+            continue
+        difference = compared.other[name] - recorded
+        place = int(np.abs(difference).argmax())
+        rms = float(np.sqrt(np.mean(np.square(difference))))
+        found.append(Spread(name, float(difference[place]), float(compared.t_s[place]), rms))
+    return found

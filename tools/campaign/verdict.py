@@ -1,0 +1,61 @@
+"""A finished campaign judged: counts of the outcome classes, and every requirement's verdict."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from flight_sw.errors import MissionError
+from sim_harness.dispersion_keys import Requirement
+from sim_harness.mission_errors import nearest
+from sim_harness.outcomes import CLASSES, NOT_FLOWN
+from sim_harness.requirements import MET, Verdict, as_dict, judge
+from tools.campaign.store import RESULTS, VERDICT
+from tools.gains.image import write_atomically
+
+
+def check_metrics(requirements: Sequence[Requirement], row: Mapping[str, Any]) -> None:
+    """Refuse a requirement on what no flight tells, as soon as one has been flown."""
+    numbers = [k for k, v in row.items() if not isinstance(v, str)]
+    for i, requirement in enumerate(requirements, start=1):
+        if requirement.metric not in numbers:
+            raise MissionError(
+                f"requirements {i}.metric is {requirement.metric}"
+                f"{nearest(requirement.metric, numbers)}; allowed {', '.join(numbers)}"
+            )
+
+
+def column(results: Path, name: str) -> Any:
+    """One column of a results file, its missing numbers NaN."""
+    if name not in pq.read_schema(results).names:
+        return None
+    values = pq.read_table(results, columns=[name])[name]
+    if pa.types.is_string(values.type):
+        return values.to_pylist()
+    return values.cast(pa.float64()).to_numpy(zero_copy_only=False)
+
+
+def judged(folder: Path, requirements: Sequence[Requirement]) -> dict[str, Any]:
+    """The verdict on a campaign's folder, a column at a time; written to verdict.json."""
+    results = folder / RESULTS
+    classes = np.array(column(results, "outcome_class"))
+    untold = np.isin(classes, NOT_FLOWN)
+    verdicts: list[Verdict] = []
+    for requirement in requirements:
+        values = column(results, requirement.metric)
+        if values is None:  # no flight was flown to where it is told
+            values = np.full(len(classes), np.nan)
+        verdicts.append(judge(requirement, np.where(untold, np.nan, values)))
+    counted = Counter(classes.tolist())
+    told = {
+        "outcome_classes": {name: counted.get(name, 0) for name in CLASSES},
+        "requirements": [as_dict(verdict) for verdict in verdicts],
+        "all_met": all(verdict.verdict == MET for verdict in verdicts),
+    }
+    write_atomically(folder / VERDICT, (json.dumps(told, indent=1) + "\n").encode())
+    return told

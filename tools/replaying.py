@@ -1,0 +1,99 @@
+"""Replays on the ground's side: what takes long is said, what is written is not overwritten."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Timer
+
+import numpy as np
+import pyarrow as pa
+
+from flight_sw.errors import AeroshellError, RecordingError
+from flight_sw.load_image import LoadImage, read_image
+from sim_harness.replay.open_loop import Compared, compare
+from sim_harness.replay.replayer import Replay, Replayer, warm_up
+from sim_harness.replay.script import attached_load, check_dbc
+from sim_harness.telemetry.reader import Recording, load_kernels, open_recording
+from tools.flight_tables import WRITERS
+
+LONG_S = 2.0  # a wait that takes longer is spoken of
+RAD_SUFFIX = "_rad"
+
+
+@contextmanager
+def patience(text: str) -> Iterator[None]:
+    """Say what is waited for, once it gets long."""
+    notice = Timer(LONG_S, lambda: sys.stderr.write(f"{text}\n"))
+    notice.daemon = True
+    notice.start()
+    try:
+        yield
+    finally:
+        notice.cancel()
+
+
+def _opened(flight: Path) -> Recording:
+    recording = open_recording(flight)
+    check_dbc(recording)
+    return recording
+
+
+def replayed(flight: Path) -> tuple[Recording, Replay, float]:
+    """A recording, how its replay went, and how long reading and feeding it took.
+
+    Compiled code is loaded before: that takes as long for a second of flight as for an hour.
+    """
+    with patience("compiling the reader of recordings for this processor, once"):
+        load_kernels()
+    start_s = time.perf_counter()
+    recording = _opened(flight)
+    image = attached_load(recording)
+    opened_s = time.perf_counter()
+    with patience(f"compiling law '{image.law}' for this processor, once"):
+        warm_up(image)
+    warm_s = time.perf_counter()
+    found = Replayer(recording, image).run()
+    return recording, found, time.perf_counter() - warm_s + opened_s - start_s
+
+
+def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compared]:
+    """A recording, and what another load would have commanded of it."""
+    recording, image = _opened(flight), read_image(load)
+    with patience(f"compiling law '{image.law}' for this processor, once"):
+        return recording, image, compare(recording, image, _ticks(recording))
+
+
+def _ticks(recording: Recording) -> np.ndarray:
+    """Where cycles were closed by ticks; unknown, and none, where the load itself is unreadable."""
+    try:
+        return Replayer(recording).run().ticks
+    except AeroshellError:
+        return np.zeros(0, np.int64)
+
+
+def check_out(out: Path, *, force: bool) -> None:
+    """Refuse an output that cannot be written before anything is computed."""
+    form = out.suffix.removeprefix(".")
+    if form not in WRITERS:
+        allowed = ", ".join(f".{name}" for name in WRITERS)
+        raise RecordingError(f"--out {out}: allowed are names that end in {allowed}")
+    if out.exists() and not force:
+        raise RecordingError(f"--out {out}: exists already, --force replaces it")
+
+
+def write_compared(compared: Compared, out: Path) -> None:
+    """Both loads' commands, a row a minor frame, angles in degrees."""
+    columns = {"t_s": compared.t_s}
+    for side, found in (("recorded", compared.recorded), ("other", compared.other)):
+        for name, column in found.items():
+            in_deg = name.endswith(RAD_SUFFIX)
+            shown = name.removesuffix(RAD_SUFFIX) + ("_deg" if in_deg else "")
+            columns[f"{side}_{shown}"] = np.degrees(column) if in_deg else column
+    unfinished = out.with_name(out.name + ".part")
+    try:
+        WRITERS[out.suffix.removeprefix(".")](pa.table(columns), unfinished)
+        unfinished.replace(out)
+    except OSError as error:
+        raise RecordingError(f"--out {out}: cannot be written, {error.strerror}") from error
