@@ -144,7 +144,7 @@ def ended(world: Record, truth: Record) -> int:
     direction = truth["flight_path_angle_rad"] + truth["heading_rad"]
     place = truth["lon_rad"] + truth["lat_rad"] + alt
     heat = truth["heat_flux_wpm2"] + truth["heat_load_jpm2"]
-    if not math.isfinite(place + v + direction + heat):
+    if not math.isfinite(place + v + direction + heat) or v < 0.0:
         return NUMERICAL
     if is_slow(world, truth) or is_low(world, truth):
         return END_CONDITION

@@ -141,6 +141,7 @@ def _show(flown: "Campaign") -> None:
     if how := flown.manifest.get("flown"):
         print(
             f"{how['flights']:,} flown in {how['wall_s']:,.1f} s, "
-            f"{how['flights'] / how['wall_s']:.1f} flights/s, {how['jobs']} at a time; "
+            f"{how['flights'] / how['wall_s']:.1f} flights/s, {how['jobs']} at a time, "
+            f"{how['cpu_s'] / how['flights'] * 1e3:.0f} ms of processor time a flight; "
             f"{flown.folder}/"
         )
