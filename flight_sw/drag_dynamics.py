@@ -21,6 +21,8 @@ DYNAMICS = RecordSpec(
     "drag_dynamics",
     Field("log_rate_1ps", why="rate of ln(drag)"),
     Field("speed_rate_mps2"),
+    Field("speed_accel_mps3", why="second derivative of the speed without lift"),
+    Field("speed_lift_mps3", why="and what full lift up adds to it"),
     Field("free_mps4", why="f: second derivative without lift in the vertical plane"),
     Field("authority_mps4", why="g0: and what full lift up adds to it, negative"),
 )
@@ -70,6 +72,8 @@ def drag_dynamics(
     )
     out["log_rate_1ps"] = log_rate
     out["speed_rate_mps2"] = v_rate
+    out["speed_accel_mps3"] = v_accel_free
+    out["speed_lift_mps3"] = -down * cos_gamma * lift_mps2 / v
     # [YANHE] Eq. 11 gathered as D ((ln D)'^2 + (ln D)''); its v^2 cos^2/(r hs) term comes out minus
     out["free_mps4"] = drag_mps2 * (log_rate * log_rate + log_accel_free)
     out["authority_mps4"] = drag_mps2 * (slope_1pm * v - 2.0 * down / v) * cos_gamma * lift_mps2 / v

@@ -21,6 +21,7 @@ from sim_harness.mission_keys import (
     Us76Atmosphere,
 )
 from sim_harness.profiles import air_record
+from sim_harness.way import fill_way
 from sim_harness.world import atmosphere as atmospheres
 from sim_harness.world import records
 from sim_harness.world.frames import Velocity, relative_from_inertial
@@ -50,12 +51,13 @@ def world_record(mission: "Mission", seed: int) -> np.ndarray:
     world["bank"] = actuator_row(mission.actuators.bank, mission.dt_s)
     world["alpha"] = actuator_row(mission.actuators.alpha, mission.dt_s)
     end = mission.end
-    world["end"] = (
-        mission.entry.altitude_km * 1e3,
-        end.speed_mps,
-        end.altitude_km * 1e3,
-        end.time_max_s,
-    )
+    world["end"]["entry_alt_m"] = mission.entry.altitude_km * 1e3
+    world["end"]["speed_mps"] = end.speed_mps
+    world["end"]["alt_m"] = end.altitude_km * 1e3
+    world["end"]["time_max_s"] = end.time_max_s
+    if end.at_target == "yes":
+        world["end"]["at_target"] = 1
+        fill_way(world["end"]["way"][0], mission)
     fill_navigation(world["navigation"], mission)
     world["atmosphere"] = atmosphere_record(mission)
     world["air"] = air_record(mission, seed)

@@ -34,13 +34,13 @@ KEEP_S = 0.25  # of flight, between two blocks
 BUS_ROWS, TRUTH_ROWS = 1, 2  # kinds of blocks
 HEAD_LENGTH_BYTES = 4
 BUS_ROW_BYTES = BUS_LOG.itemsize
-NS_PER_S = 1e9
+WORD_BYTES = 8
 SUM_START, SUM_FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3)  # FNV-1a
 ENOSPC = errno.ENOSPC
 NONE = 0  # no file: descriptor 0 is never ours
 
 BLOCK = np.dtype([("magic", "<u4"), ("kind", "<u4"), ("bytes", "<u8"), ("sum", "<u8")])
-"""What stands before the rows of a block; the sum is over times and frames."""
+"""What stands before the rows of a block; the sum is over all of them."""
 BLOCK_BYTES = BLOCK.itemsize
 
 JOURNAL = np.dtype(
@@ -65,23 +65,12 @@ writev = c_function("writev", types.int64, types.int32, types.uint64, types.int3
 
 
 @kernel
-def bus_sum(rows: Rows, first: int, last: int) -> np.uint64:
-    """The checksum of bus rows."""
+def rows_sum(rows: Rows, first: int, last: int, row_words: int) -> np.uint64:
+    """The checksum of rows of a log, over all their bytes."""
+    words = rows.view(np.uint64)
     found = SUM_START
-    for i in range(first, last):
-        row = rows[i]
-        found = (found ^ np.uint64(row["t_s"] * NS_PER_S)) * SUM_FACTOR
-        found = (found ^ np.uint64(row["frame"]["can_id"])) * SUM_FACTOR
-        found = (found ^ np.uint64(row["frame"]["data"])) * SUM_FACTOR
-    return found
-
-
-@kernel
-def time_sum(rows: Rows, first: int, last: int) -> np.uint64:
-    """The checksum of rows of truth."""
-    found = SUM_START
-    for i in range(first, last):
-        found = (found ^ np.uint64(rows[i]["t_s"] * NS_PER_S)) * SUM_FACTOR
+    for i in range(first * row_words, last * row_words):
+        found = (found ^ words[i]) * SUM_FACTOR
     return found
 
 
@@ -112,8 +101,9 @@ def keep_bus(journal: Record, rows: Rows, written: int) -> None:
     while first < written and journal["fd"] != NONE:
         at = first % length
         n = min(written - first, length - at)
+        total = rows_sum(rows, at, at + n, BUS_ROW_BYTES // WORD_BYTES)
         address = journal["bus_address"] + np.uint64(at * BUS_ROW_BYTES)
-        _append(journal, BUS_ROWS, address, n * BUS_ROW_BYTES, bus_sum(rows, at, at + n))
+        _append(journal, BUS_ROWS, address, n * BUS_ROW_BYTES, total)
         first += n
     journal["bus_rows"] = written
 
@@ -126,8 +116,9 @@ def keep_truth(journal: Record, rows: Rows, written: int, row_bytes: int) -> Non
     while first < written and journal["fd"] != NONE:
         at = first % length
         n = min(written - first, length - at)
+        total = rows_sum(rows, at, at + n, row_bytes // WORD_BYTES)
         address = journal["truth_address"] + np.uint64(at * row_bytes)
-        _append(journal, TRUTH_ROWS, address, n * row_bytes, time_sum(rows, at, at + n))
+        _append(journal, TRUTH_ROWS, address, n * row_bytes, total)
         first += n
     journal["truth_rows"] = written
 
@@ -182,7 +173,7 @@ class Journal:
         """Append rows from outside the loop."""
         if self._fd == NONE or not len(rows):
             return
-        total = (bus_sum if kind == BUS_ROWS else time_sum)(rows, 0, len(rows))
+        total = rows_sum(rows, 0, len(rows), rows.itemsize // WORD_BYTES)
         block = np.array([(BLOCK_MAGIC, kind, rows.nbytes, total)], BLOCK)
         try:
             self._write(block.tobytes() + rows.tobytes())
@@ -281,5 +272,5 @@ def _block_rows(
     if at + size > len(content):
         return None
     rows = np.frombuffer(content, dtype, size // dtype.itemsize, at).copy()
-    total = (bus_sum if dtype == BUS_LOG else time_sum)(rows, 0, len(rows))
+    total = rows_sum(rows, 0, len(rows), rows.itemsize // WORD_BYTES)
     return rows if total == block["sum"] else None

@@ -213,6 +213,9 @@ class Limits(Section):
     dynamic_pressure_max_kpa: Annotated[float, Quantity("kPa", 0.01, INF, "inf: none")] = INF
 
 
+YES_NO = ("no", "yes")
+
+
 class Target(Section):
     """Where and how fast the flight shall end; without this table no terminal errors are told."""
 
@@ -231,6 +234,12 @@ class End(Section):
     altitude_km: Annotated[
         float, Quantity("km", -INF, 1000.0, "altitude at or below; -inf: never")
     ] = -INF
+    at_target: Annotated[
+        str,
+        Text(
+            "ends as well where it has flown the target's downrange", "no, yes", YES_NO.__contains__
+        ),
+    ] = "no"
     time_max_s: Annotated[float, Quantity("s", 0.02, 1e6, "time after entry: timed out")] = 10000.0
 
 

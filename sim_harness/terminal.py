@@ -9,11 +9,14 @@ altitude and speed flown minus target.
 import math
 from typing import Any, NamedTuple
 
+from flight_sw.great_circle import range_flown
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
-from sim_harness.vehicle import is_low, is_slow
+from sim_harness.vehicle import is_low, is_slow, is_there
 from sim_harness.world.motion import rates
 from sim_harness.world.records import END_CONDITION
+
+TRIGGERS = (("speed", is_slow), ("altitude", is_low), ("target", is_there))
 
 Vector = tuple[float, float, float]
 
@@ -101,13 +104,19 @@ def _rates(world: Record, truth: Record, state: State) -> tuple[float, ...]:
 
 def time_past(world: Record, state: State, moving: tuple[float, ...]) -> float:
     """How long before a state the first of the end conditions was met; at most a minor frame."""
-    end = world["end"]
+    end, radius_m = world["end"], float(world["planet"]["radius_m"])
     alt_rate, v_rate = moving[2], moving[3]
     past_s = 0.0
     if v_rate < 0.0 and state.v_rel_mps <= end["speed_mps"]:
         past_s = (state.v_rel_mps - end["speed_mps"]) / v_rate
     if alt_rate < 0.0 and state.alt_m <= end["alt_m"]:
         past_s = max(past_s, (state.alt_m - end["alt_m"]) / alt_rate)
+    if end["at_target"] == 1:
+        here_m = range_flown(end["way"], radius_m, state.lon_rad, state.lat_rad)
+        before = _moved(state, -float(world["dt_s"]), moving)
+        gained_m = here_m - range_flown(end["way"], radius_m, before.lon_rad, before.lat_rad)
+        if here_m >= end["way"]["target_m"] and gained_m > 0.0:
+            past_s = max(past_s, (here_m - end["way"]["target_m"]) / gained_m * world["dt_s"])
     return float(min(past_s, world["dt_s"]))
 
 
@@ -149,8 +158,7 @@ def end_trigger(world: Record, truth: Record, outcome: int) -> str | None:
     """Which part of the end condition ended the flight; None if it ended otherwise."""
     if outcome != END_CONDITION:
         return None
-    met = [name for name, met in (("speed", is_slow), ("altitude", is_low)) if met(world, truth)]
-    return " and ".join(met)
+    return " and ".join(name for name, is_met in TRIGGERS if is_met(world, truth))
 
 
 def told(mission: Mission, world: Record, truth: Record, outcome: int) -> dict[str, Any]:

@@ -7,6 +7,7 @@ the forces take the angle of mid-frame, which keeps the step second order in the
 import math
 
 from flight_sw.atmosphere import sound_speed
+from flight_sw.great_circle import range_flown
 from flight_sw.types_ import Record
 from sim_harness.actuators import follow, is_ideal
 from sim_harness.jit import kernel
@@ -136,6 +137,17 @@ def is_low(world: Record, truth: Record) -> bool:
 
 
 @kernel
+def is_there(world: Record, truth: Record) -> bool:
+    """At or beyond the target's range, where the flight ends there."""
+    end = world["end"]
+    if end["at_target"] == 0:
+        return False
+    radius_m = world["planet"]["radius_m"]
+    flown_m = range_flown(end["way"], radius_m, truth["lon_rad"], truth["lat_rad"])
+    return flown_m >= end["way"]["target_m"]
+
+
+@kernel
 def ended(world: Record, truth: Record) -> int:
     """Outcome so far, records.FLYING while the flight goes on."""
     end = world["end"]
@@ -146,7 +158,7 @@ def ended(world: Record, truth: Record) -> int:
     heat = truth["heat_flux_wpm2"] + truth["heat_load_jpm2"]
     if not math.isfinite(place + v + direction + heat) or v < 0.0:
         return NUMERICAL
-    if is_slow(world, truth) or is_low(world, truth):
+    if is_slow(world, truth) or is_low(world, truth) or is_there(world, truth):
         return END_CONDITION
     if alt <= 0.0:
         return GROUND

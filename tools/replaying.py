@@ -34,12 +34,6 @@ def patience(text: str) -> Iterator[None]:
         notice.cancel()
 
 
-def _opened(flight: Path) -> Recording:
-    recording = open_recording(flight)
-    check_dbc(recording)
-    return recording
-
-
 def replayed(flight: Path) -> tuple[Recording, Replay, float]:
     """A recording, how its replay went, and how long reading and feeding it took.
 
@@ -48,7 +42,8 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
     with patience("compiling the reader of recordings for this processor, once"):
         load_kernels()
     start_s = time.perf_counter()
-    recording = _opened(flight)
+    recording = open_recording(flight)
+    check_dbc(recording)
     image = attached_load(recording)
     opened_s = time.perf_counter()
     with patience(f"compiling law '{image.law}' for this processor, once"):
@@ -60,7 +55,7 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
 
 def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compared]:
     """A recording, and what another load would have commanded of it."""
-    recording, image = _opened(flight), read_image(load)
+    recording, image = open_recording(flight), read_image(load)
     with patience(f"compiling law '{image.law}' for this processor, once"):
         return recording, image, compare(recording, image, _ticks(recording))
 

@@ -68,7 +68,7 @@ def _step_on_ratio(load: Record, state: Record, nav: Record) -> int:
         drag_mps2 = observer["value"] * modelled_mps2
     drag_tracking.take_drag(load, design, own, nav, drag_mps2)
     of_ratio = observer["value_rate"] * modelled_mps2
-    drag_tracking.take_rate(own, nav, own["rate_model_mps3"] + of_ratio)
+    drag_tracking.take_rate(design, own, nav, own["rate_model_mps3"] + of_ratio)
     return drag_tracking.control(design, own)
 
 
@@ -87,7 +87,7 @@ def _step_on_error(load: Record, state: Record, nav: Record) -> int:
     if watch["uses_estimate"] == 1:
         drag_mps2 = drag_ref_mps2 + observer["value"]
     drag_tracking.take_drag(load, design, own, nav, drag_mps2)
-    drag_tracking.take_rate(own, nav, own["rate_ref_mps3"] + observer["value_rate"])
+    drag_tracking.take_rate(design, own, nav, own["rate_ref_mps3"] + observer["value_rate"])
     code = drag_tracking.control(design, own)
     accel_mps4 = -design["k_drag_1ps2"] * (sensed_mps2 - drag_ref_mps2)
     accel_mps4 -= design["k_rate_1ps"] * observer["value_rate"]

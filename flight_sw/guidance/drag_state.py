@@ -25,7 +25,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     code = status.OK
     if drag_tracking.sense(load, design, own, nav):
         drag_tracking.take_drag(load, design, own, nav, nav["drag_mps2"])
-        drag_tracking.take_rate(own, nav, own["rate_model_mps3"])
+        drag_tracking.take_rate(design, own, nav, own["rate_model_mps3"])
         code = drag_tracking.control(design, own)
     drag_tracking.report(design, own, out)
     return code

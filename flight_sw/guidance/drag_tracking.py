@@ -12,7 +12,7 @@ import math
 from flight_sw import status
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
-from flight_sw.energy_reference import NOMINAL, REFERENCE, look_up
+from flight_sw.drag_reference import BY_ENERGY, BY_SPEED, NOMINAL, REFERENCE, look_up
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.great_circle import WAY, range_flown
 from flight_sw.jit import kernel
@@ -61,6 +61,7 @@ STATE = RecordSpec(
     Field("phase", kind="u4"),
     Field("steps_count", kind="u4", why="since tracking began"),
     Field("energy_jpkg"),
+    Field("index_rate", why="of the reference's index, per second"),
     Field("range_m"),
     Field("drag_mps2", why="as the law takes it"),
     Field("drag_rate_mps3", why="as the law takes it"),
@@ -107,7 +108,13 @@ def sense(load: Record, design: Record, state: Record, nav: Record) -> bool:
     state["range_m"] = range_flown(
         design["way"], planet["radius_m"], nav["lon_rad"], nav["lat_rad"]
     )
-    look_up(design["reference"], state["energy_jpkg"], state["nominal"])
+    index = design["reference"]["index"]
+    at = nav["t_s"]
+    if index == BY_ENERGY:
+        at = state["energy_jpkg"]
+    elif index == BY_SPEED:
+        at = v_mps
+    look_up(design["reference"], at, state["nominal"])
     if state["phase"] == WAITING and nav["drag_mps2"] >= design["active_drag_mps2"]:
         state["phase"] = TRACKING
     if state["phase"] == TRACKING:
@@ -140,21 +147,40 @@ def take_drag(load: Record, design: Record, state: Record, nav: Record, drag_mps
         lift_taken(design, state, drag), dynamics,
     )  # fmt: skip
     state["rate_model_mps3"] = drag * dynamics["log_rate_1ps"]
-    # de/dt = -V D
-    state["rate_ref_mps3"] = -state["nominal"]["slope_1pm"] * nav["v_rel_mps"] * drag
+    index = design["reference"]["index"]
+    state["index_rate"] = 1.0
+    if index == BY_ENERGY:
+        state["index_rate"] = -nav["v_rel_mps"] * drag
+    elif index == BY_SPEED:
+        state["index_rate"] = dynamics["speed_rate_mps2"]
+    state["rate_ref_mps3"] = state["nominal"]["slope"] * state["index_rate"]
 
 
 @kernel
-def take_rate(state: Record, nav: Record, drag_rate_mps3: float) -> None:
+def _index_accel(design: Record, state: Record, nav: Record) -> float:
+    """Second derivative of the reference's index; that of the speed takes the bank flown."""
+    dynamics = state["dynamics"]
+    index = design["reference"]["index"]
+    if index == BY_ENERGY:
+        return -(
+            dynamics["speed_rate_mps2"] * state["drag_mps2"]
+            + nav["v_rel_mps"] * state["drag_rate_mps3"]
+        )
+    if index == BY_SPEED:
+        lift = dynamics["speed_lift_mps3"] * math.cos(nav["bank_rad"])
+        return dynamics["speed_accel_mps3"] + lift
+    return 0.0
+
+
+@kernel
+def take_rate(design: Record, state: Record, nav: Record, drag_rate_mps3: float) -> None:
     """The drag rate that the law uses, and the second derivative of the reference over time."""
     nominal = state["nominal"]
     state["drag_rate_mps3"] = drag_rate_mps3
     state["error_rate_mps3"] = drag_rate_mps3 - state["rate_ref_mps3"]
-    v = nav["v_rel_mps"]
-    energy_rate = -v * state["drag_mps2"]
-    energy_accel = -(state["dynamics"]["speed_rate_mps2"] * state["drag_mps2"] + v * drag_rate_mps3)
-    state["accel_ref_mps4"] = (
-        nominal["bend_s2pm3"] * energy_rate * energy_rate + nominal["slope_1pm"] * energy_accel
+    rate = state["index_rate"]
+    state["accel_ref_mps4"] = nominal["bend"] * rate * rate + nominal["slope"] * _index_accel(
+        design, state, nav
     )
 
 

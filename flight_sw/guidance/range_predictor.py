@@ -132,7 +132,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
         modelled_mps2 = max(own["forces"]["drag_mps2"], DRAG_MIN_MPS2)
         drag_tracking.take_drag(load, design, own, nav, observer["value"] * modelled_mps2)
         of_ratio = observer["value_rate"] * modelled_mps2
-        drag_tracking.take_rate(own, nav, own["rate_model_mps3"] + of_ratio)
+        drag_tracking.take_rate(design, own, nav, own["rate_model_mps3"] + of_ratio)
         _predict(load, state, nav)
         share = law["predictor"]["follow_ratio"]
         state["cos_shift_flown"] += share * (state["cos_shift"] - state["cos_shift_flown"])

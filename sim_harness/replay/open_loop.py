@@ -16,11 +16,12 @@ from flight_sw.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.replay.feed import HEARD, Computers, Script, new_script
 from sim_harness.replay.replayer import new_computer
-from sim_harness.replay.script import check_dbc, kinds_of
+from sim_harness.replay.script import COMMAND_NAME, STATUS_NAME, check_messages, kinds_of
 from sim_harness.telemetry.reader import Recording
 
 F8 = npt.NDArray[np.float64]
 I8 = npt.NDArray[np.int64]
+U8 = npt.NDArray[np.uint64]
 Rows = npt.NDArray[np.void]
 
 PERIOD_TOLERANCE = 1e-9  # of the minor frame
@@ -80,7 +81,7 @@ def answer_all(computers: Computers, script: Script, answered: Rows) -> int:
 
 def answers_to(recording: Recording, image: LoadImage, ticks: I8) -> Rows:
     """What a load answers to a recording's frames, cycle by cycle."""
-    check_dbc(recording)
+    check_messages(recording)
     crc32 = int(recording.manifest.get("load_crc32", "0x0"), 16)
     computers = new_computer(image, crc32)
     script = new_script(recording.bus, kinds_of(recording))._replace(ticks=ticks)
@@ -88,10 +89,18 @@ def answers_to(recording: Recording, image: LoadImage, ticks: I8) -> Rows:
     return answered[: answer_all(computers, script, answered)]
 
 
+def _places(recording: Recording, message: str) -> I8:
+    return np.flatnonzero(recording.slots == recording.decoder.slot(message))
+
+
+def _signals(recording: Recording, message: str, words: U8) -> dict[str, F8 | I8]:
+    return recording.decoder.columns(recording.decoder.slot(message), words)
+
+
 def recorded_answers(recording: Recording) -> Rows:
     """What the computer that flew has answered: each status and the command before it."""
-    data, slots = recording.bus["frame"]["data"], recording.slots
-    commands, statuses = np.flatnonzero(slots == COMMAND), np.flatnonzero(slots == STATUS)
+    data = recording.bus["frame"]["data"]
+    commands, statuses = (_places(recording, name) for name in (COMMAND_NAME, STATUS_NAME))
     before = np.searchsorted(commands, statuses) - 1
     answered = np.zeros(len(statuses), ANSWERED)
     answered["t_s"], answered["status"] = recording.bus["t_s"][statuses], data[statuses]
@@ -121,7 +130,7 @@ def compare(recording: Recording, image: LoadImage, ticks: I8) -> Compared:
 def _by_cycle(recording: Recording, answered: Rows) -> tuple[I8, Rows]:
     """The number of each cycle, counted on past its modulus, and the last answer to it."""
     answered = answered[answered["has_command"] == 1]
-    cycle = recording.decoder.columns(STATUS, answered["status"])["cycle"].astype(np.int64)
+    cycle = _signals(recording, STATUS_NAME, answered["status"])["cycle"].astype(np.int64)
     steps = (np.diff(cycle, prepend=cycle[:1]) + CYCLE_MODULUS // 2) % CYCLE_MODULUS
     count = np.cumsum(steps - CYCLE_MODULUS // 2) + (cycle[0] if len(cycle) else 0)
     last = np.flatnonzero(np.diff(count, append=np.iinfo(np.int64).max) != 0)
@@ -129,8 +138,8 @@ def _by_cycle(recording: Recording, answered: Rows) -> tuple[I8, Rows]:
 
 
 def _columns(recording: Recording, answered: Rows) -> dict[str, F8]:
-    command = recording.decoder.columns(COMMAND, answered["command"])
-    status = recording.decoder.columns(STATUS, answered["status"])
+    command = _signals(recording, COMMAND_NAME, answered["command"])
+    status = _signals(recording, STATUS_NAME, answered["status"])
     kept = {**command, **{name: status[name] for name in ("mode", "phase", "tracking")}}
     return {name: column.astype(np.float64) for name, column in kept.items()}
 

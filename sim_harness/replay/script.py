@@ -1,14 +1,17 @@
 """What of a recording the flight computer heard, and what it answered."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG
 from flight_sw.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
+from flight_sw.icd import Message
 from flight_sw.load_image import LoadImage, parse_image
 from sim_harness.replay.feed import ANSWER, HEARD, NEITHER
-from sim_harness.telemetry.decode import NO_SLOT
 from sim_harness.telemetry.reader import Recording
 
 I8 = npt.NDArray[np.int64]
@@ -17,6 +20,7 @@ COMPUTER, GROUND = "FSW", "HARNESS"
 BY_EXECUTIVE = ("FSW_BOOT", "FSW_TIMING")  # sent by the process around the minor frame
 BOOT, BOOT_STATE, READY = "FSW_BOOT", "state", "READY"
 LOAD_SUFFIX = ".load"
+COMMAND_NAME, STATUS_NAME = "FSW_COMMAND", "FSW_STATUS"
 
 
 def kinds_of(recording: Recording) -> I8:
@@ -77,6 +81,11 @@ def check_dbc(recording: Recording) -> None:
         )
 
 
-def has_frames(recording: Recording) -> bool:
-    """Whether a flight computer has said anything at all."""
-    return bool(np.count_nonzero(recording.slots != NO_SLOT))
+def check_messages(recording: Recording) -> None:
+    """Refuse frames unless what the computer hears and commands is laid out as in this version."""
+
+    def used(messages: Sequence[Message]) -> list[Message]:
+        return [m for m in messages if m.sender == GROUND or m.name in (COMMAND_NAME, STATUS_NAME)]
+
+    if used(recording.decoder.messages) != used(icd.LAYOUT):
+        check_dbc(recording)

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from flight_sw.errors import RecordingError
 from sim_harness.telemetry.container import Container
-from sim_harness.telemetry.decode import Decoder, Sampler, messages_of
+from sim_harness.telemetry.decode import NO_SLOT, Decoder, Sampler, messages_of
 from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLine
 from sim_harness.telemetry.schema import (
@@ -88,16 +88,30 @@ class CanTelemetry:
         self._encoder = RowEncoder([layout_template(layout) for layout in layouts], channels)
         self._forms = layout_forms(layouts)
         self._events = Events(self._decoder)
+        self._names = [
+            (slot, column, [0, *(value for value, _ in field.names)])
+            for slot, layout in enumerate(layouts)
+            for column, field in enumerate(layout.fields)
+            if field.names
+        ]
 
     def encode(self, rows: Rows, t_ns: U8) -> tuple[Block, list[LogLine]]:
         """Samples of the messages in these frames, and the events that they tell of."""
         slots = self._decoder.slots(rows)
         lines = self._events.lines(rows, slots)
+        self._leave_out_unnamed(slots, rows["frame"]["data"])
         picked = self._sampler.pick(rows["t_s"], slots)
         slots = slots[picked]
         raw, physical = self._decoder.values(slots, rows["frame"]["data"][picked])
         words = field_words(slots, raw, physical, self._forms)
         return self._encoder.encode(slots, t_ns[picked], words), lines
+
+    def _leave_out_unnamed(self, slots: I8, data: U8) -> None:
+        """Mark false frames whose enumerations have values without a name: no reader takes them."""
+        for slot, column, values in self._names:
+            mine = np.flatnonzero(slots == slot)
+            raw, _ = self._decoder.values(slots[mine], data[mine])
+            slots[mine[~np.isin(raw[:, column], values)]] = NO_SLOT
 
 
 class TruthTelemetry:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from flight_sw.atmosphere import ATMOSPHERE
+from flight_sw.great_circle import WAY
 
 AERO_TABLE_MAX = 12  # rows (angle of attack) and columns (Mach)
 
@@ -87,6 +88,8 @@ END = np.dtype(
         ("speed_mps", "f8"),  # ends at or below; 0: never
         ("alt_m", "f8"),  # ends at or below; -inf: never
         ("time_max_s", "f8"),
+        ("at_target", "i8"),  # 1: ends at the target's range as well
+        ("way", WAY.dtype),  # from the entry to the target; not filled without one
     ],
     align=True,
 )

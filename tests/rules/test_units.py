@@ -38,6 +38,8 @@ PURE = {
     "memory",
     # k in q = k rho^m V^n and rho V^n itself: their units depend on the exponents
     "coefficient", "factor_si", "tracking_constant",
+    # of a drag profile: the unit depends on what it is indexed by
+    "grid", "bend", "index_rate",
     # in the unit of the signal or of the telemetry number
     "scale", "offset", "low", "high", "telemetry", "values", "received",
 }  # fmt: skip

@@ -1,6 +1,7 @@
 """`aeroshell fly`: one flight, recorded and summarised."""
 
 import json
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -139,7 +140,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
         "overrides": json.dumps(differences(plan.mission)),
-        "command_line": " ".join(sys.argv),
+        "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
 
 

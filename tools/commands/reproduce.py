@@ -56,3 +56,11 @@ def mooij(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
     from tools.reproduce.mooij import reproduce
 
     end_with(reproduce(quick=quick, progress=progress_line()), as_json)
+
+
+@app.command()
+def yan(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
+    """Mars lander of [YANHE]: nominal flights, Theorem 2, Table 3, noise, and what goes beyond."""
+    from tools.reproduce.yan import reproduce
+
+    end_with(reproduce(quick=quick, progress=progress_line()), as_json)

@@ -9,8 +9,9 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance import drag_observer
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
+from sim_harness.way import fill_way
 from tools.gains.drag_choices import DragTracking, RangePredictor
-from tools.gains.nominal_flight import Nominal, Row, reference_rows, solved, way_of
+from tools.gains.nominal_flight import INDEXES, Nominal, Reference, Row, solved
 from tools.gains.observer import fill_observer
 from tools.gains.schema import Design
 
@@ -48,8 +49,7 @@ def _controls(record: Record, design: Design) -> None:
 def _reference(record: Record, rows: list[Row]) -> None:
     n = len(rows)
     record["n_rows"] = n
-    columns = ("energy_jpkg", "drag_mps2", "slope_1pm", "bend_s2pm3", "range_m")
-    for name in columns:
+    for name in Row._fields:
         record[name][:n] = [rounded(getattr(row, name)) for row in rows]
 
 
@@ -80,9 +80,10 @@ def fill_tracking(
         update={"entry": mission.entry.model_copy(update={"angle_of_attack_deg": choice.alpha_deg})}
     )
     nominal = solved(believed, design.nominal_flight)
-    way_of(mission, record["way"])
-    rows = reference_rows(body, record["way"], nominal, design.nominal_flight)
+    fill_way(record["way"], mission)
+    rows = Reference(body, record["way"], nominal, design.nominal_flight).rows()
     _reference(record["reference"], rows)
+    record["reference"]["index"] = INDEXES[design.nominal_flight.index]
     fill_profile(record["profile"], nominal)
     record["alpha_rad"] = math.radians(choice.alpha_deg)
     record["active_drag_mps2"] = choice.active_drag_mps2
@@ -108,6 +109,8 @@ def fill_watch(record: Record, body: Record, design: Design, law: str) -> dict[s
         raise DesignError(f"laws: {law} needs a table [drag_observer], which is missing")
     step_s = float(body["guidance_dt_s"])
     told = fill_observer(record["observer"], design.drag_observer, step_s)
+    told["poles_radps"] = [[round(part, 6) for part in pole] for pole in told["poles_radps"]]
+    told["rate_noise_1ps"] = rounded(told["rate_noise_1ps"])
     follows = {"error": drag_observer.OBSERVES_ERROR, "ratio": drag_observer.OBSERVES_RATIO}
     record["observes"] = follows[choice.observes]
     record["observed_drag_mps2"] = choice.observed_drag_mps2

@@ -11,6 +11,8 @@ class NominalFlight(Section):
     bank_low_deg: Annotated[float, Quantity("deg", 0.0, 180.0, "smallest bank looked for")] = 0.0
     bank_high_deg: Annotated[float, Quantity("deg", 0.0, 180.0, "largest")] = 120.0
     rate_hz: Annotated[float, Quantity("Hz", 1.0, 1000.0, "steps of its integration")] = 100.0
+    index: Literal["energy", "speed", "time"] = "energy"
+    """What the reference is looked up by."""
     drag_first_mps2: Annotated[
         float, Quantity("m/s2", 1e-6, 1e3, "the reference begins where its drag exceeds it")
     ] = 0.05

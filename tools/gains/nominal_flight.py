@@ -8,6 +8,7 @@ the lift is left out, as a tracker of drag leaves it to others.
 import hashlib
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +17,13 @@ import numpy.typing as npt
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.dictionary import NAV
 from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
-from flight_sw.energy_reference import ROWS
+from flight_sw.drag_reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
 from flight_sw.errors import DesignError
 from flight_sw.great_circle import WAY, range_flown
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
 from sim_harness.profile_flight import fly_profile
-from sim_harness.terminal import direction
+from sim_harness.way import fill_way
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag_choices import NominalFlight
 
@@ -32,6 +33,7 @@ CLOSE_M = 1.0  # of the target, in altitude and range: solved
 HALVINGS_MAX = 8
 ITERATIONS_MAX = 40
 STARTS_TRIED = 6
+ROWS_MIN = 8
 APART_DEG = 0.01  # of the finite differences
 
 
@@ -53,40 +55,26 @@ class Nominal(NamedTuple):
     flown: Flown
 
 
-def way_of(mission: Mission, way: Record) -> None:
-    """Writes the great circle from the mission's entry to its target."""
-    target, entry = mission.target, mission.entry
-    if target is None:
-        raise DesignError(
-            f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
-        )
-    start = np.array(direction(*np.radians([entry.longitude_deg, entry.latitude_deg])))
-    there = np.array(direction(*np.radians([target.longitude_deg, target.latitude_deg])))
-    across = there - start * (start @ there)
-    length = float(np.linalg.norm(across))
-    if length < 1e-6:  # a metre or so on any planet
-        raise DesignError(
-            f"{mission.path.name}: target lies at the entry or opposite to it, allowed elsewhere"
-        )
-    for axis, s, a in zip("xyz", start, across / length, strict=True):
-        way[f"cos_start_{axis}"], way[f"cos_ahead_{axis}"] = s, a
-    way["target_m"] = mission.planet.radius_km * 1e3 * math.atan2(length, float(start @ there))
-
-
 class Problem:
     """Flights of one mission along bank profiles."""
 
     def __init__(self, mission: Mission, choice: NominalFlight) -> None:
         self.way = np.zeros(1, WAY.dtype)
-        way_of(mission, self.way[0])
-        assert mission.target is not None
+        if mission.target is None:
+            raise DesignError(
+                f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
+            )
+        fill_way(self.way[0], mission)
         self.mission, self.choice, self.target = mission, choice, mission.target
         self.truth = mission.truth()
         self.world = mission.world().copy()
         self.world["dt_s"] = 1.0 / choice.rate_hz
         self.world["aerodynamics"]["side_lift_ratio"] = 0.0
+        # What the mission lays on the world is not for the computer to know.
+        self.world["aerodynamics"]["lift_ratio"] = self.world["aerodynamics"]["drag_ratio"] = 1.0
+        self.world["air"]["is_disturbed"] = self.world["air"]["has_wind"] = 0
         end = self.world["end"]
-        end["speed_mps"], end["alt_m"] = self.target.speed_mps, -math.inf
+        end["speed_mps"], end["alt_m"], end["at_target"] = self.target.speed_mps, -math.inf, 0
         self.log = np.zeros(math.ceil(mission.end.time_max_s * choice.rate_hz) + 2, TRUTH)
         entry_mps = float(self.truth["v_rel_mps"][0])
         if not self.target.speed_mps < entry_mps:
@@ -221,11 +209,14 @@ def solved(mission: Mission, choice: NominalFlight) -> Nominal:
 class Row(NamedTuple):
     """One row of the reference."""
 
-    energy_jpkg: float
+    grid: float
     drag_mps2: float
-    slope_1pm: float
-    bend_s2pm3: float
+    slope: float
+    bend: float
     range_m: float
+
+
+INDEXES = {"energy": BY_ENERGY, "speed": BY_SPEED, "time": BY_TIME}
 
 
 def fix_of(frame: Record) -> Rows:
@@ -237,40 +228,59 @@ def fix_of(frame: Record) -> Rows:
     return nav
 
 
-def row_of(body: Record, way: Record, profile: Record, frame: Record) -> Row:
-    """Closed-form derivatives of drag over energy at a frame of the nominal flight."""
-    planet = body["onboard"]["planet"]
-    nav = fix_of(frame)[0]
-    drag, v = float(frame["drag_mps2"]), float(frame["v_rel_mps"])
-    dynamics = np.zeros(1, DYNAMICS.dtype)[0]
-    drag_dynamics(planet, body["atmosphere"], nav, drag, float(frame["lift_mps2"]), dynamics)
-    drag_rate = drag * float(dynamics["log_rate_1ps"])
-    cos_bank = math.cos(nominal_bank(profile, v))
-    drag_accel = float(dynamics["free_mps4"]) + float(dynamics["authority_mps4"]) * cos_bank
-    energy_rate = -v * drag
-    energy_accel = -(float(dynamics["speed_rate_mps2"]) * drag + v * drag_rate)
-    slope = drag_rate / energy_rate
-    return Row(
-        jacobi_energy(planet, float(frame["alt_m"]), float(frame["lat_rad"]), v),
-        drag,
-        slope,
-        (drag_accel - slope * energy_accel) / energy_rate**2,
-        range_flown(
-            way, float(planet["radius_m"]), float(frame["lon_rad"]), float(frame["lat_rad"])
-        ),
-    )
+class Reference:
+    """Makes the rows of a reference: closed-form derivatives of drag over its index."""
 
+    def __init__(self, body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> None:
+        self.body, self.way, self.nominal, self.choice = body, way, nominal, choice
+        self.planet = body["onboard"]["planet"]
+        self.dynamics = np.zeros(1, DYNAMICS.dtype)[0]
 
-def reference_rows(body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> list[Row]:
-    """The reference in order of ascending energy, evenly spaced in time."""
-    log = nominal.flown.log
-    felt = np.flatnonzero(log["drag_mps2"] >= choice.drag_first_mps2)
-    if felt.size < 2:
-        raise DesignError(
-            f"the nominal flight never feels drag_first_mps2 {choice.drag_first_mps2:g}"
+    def index_of(self, frame: Record, drag_rate: float, cos_bank: float) -> Sequence[float]:
+        """The index at a frame of the flight, its rate and second derivative."""
+        moves = self.dynamics
+        v, drag = float(frame["v_rel_mps"]), float(frame["drag_mps2"])
+        if self.choice.index == "time":
+            return float(frame["t_s"]), 1.0, 0.0
+        if self.choice.index == "speed":
+            accel = float(moves["speed_accel_mps3"] + moves["speed_lift_mps3"] * cos_bank)
+            return v, float(moves["speed_rate_mps2"]), accel
+        energy = jacobi_energy(self.planet, float(frame["alt_m"]), float(frame["lat_rad"]), v)
+        return energy, -v * drag, -(float(moves["speed_rate_mps2"]) * drag + v * drag_rate)
+
+    def row(self, frame: Record) -> Row:
+        """The row of a frame of the nominal flight."""
+        moves = self.dynamics
+        drag, lift = float(frame["drag_mps2"]), float(frame["lift_mps2"])
+        drag_dynamics(
+            self.planet, self.body["atmosphere"], fix_of(frame)[0], drag, lift, self.dynamics
         )
-    frames = np.linspace(felt[0], len(log) - 1, ROWS).round().astype(int)
-    rows = [row_of(body, way, nominal.profile[0], log[i]) for i in np.unique(frames)][::-1]
-    if any(b.energy_jpkg <= a.energy_jpkg for a, b in itertools.pairwise(rows)):
-        raise DesignError("the energy of the nominal flight does not fall from row to row")
-    return rows
+        cos_bank = math.cos(nominal_bank(self.nominal.profile[0], float(frame["v_rel_mps"])))
+        drag_rate = drag * float(moves["log_rate_1ps"])
+        drag_accel = float(moves["free_mps4"]) + float(moves["authority_mps4"]) * cos_bank
+        at, rate, accel = self.index_of(frame, drag_rate, cos_bank)
+        slope = drag_rate / rate
+        radius_m = float(self.planet["radius_m"])
+        flown_m = range_flown(self.way, radius_m, float(frame["lon_rad"]), float(frame["lat_rad"]))
+        return Row(at, drag, slope, (drag_accel - slope * accel) / rate**2, flown_m)
+
+    def rows(self) -> list[Row]:
+        """All rows, the index ascending, evenly spaced in time."""
+        log, choice = self.nominal.flown.log, self.choice
+        felt = log["drag_mps2"] >= choice.drag_first_mps2
+        if choice.index == "speed":
+            felt &= np.arange(len(log)) > int(np.argmax(log["v_rel_mps"]))  # falling from there on
+        frames = np.flatnonzero(felt)
+        if frames.size < ROWS_MIN:
+            raise DesignError(
+                f"nominal_flight.drag_first_mps2 is {choice.drag_first_mps2:g}, allowed below the "
+                f"largest drag of the nominal flight, {log['drag_mps2'].max():.3g}"
+            )
+        chosen = np.linspace(frames[0], frames[-1], ROWS).round().astype(int)
+        rows = sorted(self.row(log[i]) for i in np.unique(chosen))
+        backward = choice.index != "time"
+        if backward != (rows[0].range_m > rows[-1].range_m) or any(
+            a.grid == b.grid for a, b in itertools.pairwise(rows)
+        ):
+            raise DesignError(f"the {choice.index} of the nominal flight does not fall throughout")
+        return rows
