@@ -152,9 +152,7 @@ class FlightComputer:
         start_s = time.monotonic()
         notice = threading.Timer(
             SLOW_COMPILE_S,
-            lambda: sys.stderr.write(
-                f"{COMPILES} '{self.image.law}' for this processor, once\n"
-            ),
+            lambda: sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor, once\n"),
         )
         notice.start()
         self._serve(new_state(self.image.law), self.executive.copy(), 0)
