@@ -16,7 +16,6 @@ from flight_sw.computer import new_state
 from flight_sw.load_image import LoadImage, activate
 from flight_sw.types_ import Frames
 from sim_harness.replay.feed import (
-    ANSWER,
     HEARD,
     OVER,
     QUEUE_MASK,
@@ -36,6 +35,7 @@ I8 = npt.NDArray[np.int64]
 LOOK_AHEAD = 400  # rows over which a guess must hold up
 TRIES_MAX = 4000  # guesses for one answer that was not expected
 TICKS_MAX = 250  # in a row
+FALSE_IN_ROW_MAX = 64  # frames that pose as the computer's between two of its answers
 ANSWERED_MAX = 2  # cycles without an answer that the end of any flight may have
 
 
@@ -63,6 +63,8 @@ class Replay:
     """Rows before which a cycle was closed without its time message."""
     false_frames: int = 0
     """Frames that looked like the computer's own and were not."""
+    reports: int = 0
+    """Reports of refused frames that count otherwise, where a third sender is on the bus."""
     unanswered: int = 0
     """Minor frames at the end that the computer did not answer any more."""
     gap_s: float | None = None
@@ -122,6 +124,7 @@ class Replayer:
             until_s=float(rows["t_s"][last]) if last >= 0 else 0.0,
             ticks=self.script.ticks,
             false_frames=self._false_frames,
+            reports=int(feeder["reports"]),
             unanswered=behind if behind > ANSWERED_MAX and difference is None else 0,
             gap_s=float(rows["t_s"][self._end - 1]) if has_gap and self._end else None,
             difference=difference,
@@ -141,13 +144,24 @@ class Replayer:
                 self._restore()
                 self.script = self.script._replace(ticks=search.best[1])
                 return True
-        self.kinds[row] = HEARD
-        if self.tried(self.script.ticks, row)[1] <= matched:
-            self.kinds[row] = ANSWER
-            return False
-        self._false_frames += 1
-        self._restore()
-        return True
+        return self._take_as_false(matched)
+
+    def _take_as_false(self, matched: int) -> bool:
+        """Try whether the answers go on behind frames that the computer has heard, not sent."""
+        row, taken = int(self.computers.feeders["row"][0]), []
+        before = self.kinds.copy()
+        for _ in range(FALSE_IN_ROW_MAX):
+            self.kinds[row] = HEARD
+            taken.append(row)
+            holds, found, row = self.tried(self.script.ticks, self._end)
+            if found > matched:
+                self._false_frames += len(taken)
+                self._restore()
+                return True
+            if holds:
+                break
+        self.kinds[taken] = before[taken]
+        return False
 
     def places_for_a_tick(self, floor: int, row: int) -> list[int]:
         """Before each of the frames heard since, then before the row itself."""

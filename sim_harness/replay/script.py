@@ -11,20 +11,25 @@ from flight_sw.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
 from flight_sw.load_image import LoadImage, parse_image
-from sim_harness.replay.feed import ANSWER, HEARD, NEITHER
+from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT
+from sim_harness.telemetry.decode import NO_SLOT
 from sim_harness.telemetry.reader import Recording
 
 I8 = npt.NDArray[np.int64]
 
 COMPUTER, GROUND = "FSW", "HARNESS"
 BY_EXECUTIVE = ("FSW_BOOT", "FSW_TIMING")  # sent by the process around the minor frame
-BOOT, BOOT_STATE, READY = "FSW_BOOT", "state", "READY"
+BOOT, BOOT_STATE, BOOT_LOAD, READY = "FSW_BOOT", "state", "load_crc32", "READY"
+REPORTS = "RX_HEALTH_"
 LOAD_SUFFIX = ".load"
 COMMAND_NAME, STATUS_NAME = "FSW_COMMAND", "FSW_STATUS"
 
 
 def kinds_of(recording: Recording) -> I8:
-    """HEARD, ANSWER or NEITHER for every row of the bus.
+    """HEARD, ANSWER, NEITHER or REPORT for every row of the bus.
+
+    Where a third sender is on the bus, what the computer heard of it before it was ready and in
+    which order is not known: its reports of refused frames may then count otherwise.
 
     A frame with an identifier of the computer's but a wrong checksum was not sent by it: it heard
     it, like everything else on a hub. Its CAN socket hears the ground's identifiers alone.
@@ -41,8 +46,10 @@ def kinds_of(recording: Recording) -> I8:
     if recording.manifest.get("bus", "").startswith("socketcan:"):
         filtered = [m.can_id for m in messages if m.sender == GROUND]
         kinds[(kinds == HEARD) & ~np.isin(can_id, filtered)] = NEITHER
-    before_boot = np.arange(len(rows)) < _ready_at(recording)
-    kinds[before_boot & (kinds == HEARD)] = NEITHER
+    kinds[: _ready_at(recording)] = NEITHER
+    if np.any((kinds == HEARD) & (slots == NO_SLOT)) and recording.manifest.get("bus") != "memory":
+        reports = np.array([*(m.name.startswith(REPORTS) for m in messages), False])
+        kinds[(kinds == ANSWER) & reports[slots]] = REPORT
     return kinds
 
 
@@ -55,7 +62,10 @@ def _ready_at(recording: Recording) -> int:
     _, columns = recording.message(BOOT)
     ready = [value for value, name in recording.value_names(BOOT)[BOOT_STATE].items()
              if name == READY]  # fmt: skip
-    found = places[np.isin(columns[BOOT_STATE], ready)]
+    says_so = np.isin(columns[BOOT_STATE], ready)
+    if crc32 := recording.manifest.get("load_crc32"):
+        says_so &= columns[BOOT_LOAD] == int(crc32, 16)  # a false frame names another load
+    found = places[says_so]
     return int(found[0]) if len(found) else 0
 
 

@@ -60,6 +60,7 @@ def _object(recording: "Recording", found: "Replay", wall_s: float, speed: float
         "until_s": found.until_s,
         "ticks": len(found.ticks),
         "false_frames": found.false_frames,
+        "reports_that_count_otherwise": found.reports,
         "unanswered_minor_frames": found.unanswered,
         "gap_s": found.gap_s,
         "difference": difference,
@@ -80,6 +81,11 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
         )
     if found.false_frames:
         lines.append(f"{found.false_frames:,} frames on the bus posed as the flight computer's")
+    if found.reports:
+        lines.append(
+            f"{found.reports:,} reports of refused frames count otherwise: a third sender was on "
+            "the bus, and what the computer heard of it when is not known"
+        )
     if found.unanswered:
         lines.append(f"the flight computer did not answer the last {found.unanswered:,} frames")
     if found.gap_s is not None:
