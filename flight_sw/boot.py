@@ -45,6 +45,7 @@ ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
 SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
+COMPILES = "flight computer: compiling law"
 COMPILING, READY = 0, 1
 COUNTER_BITS_AT, COUNTER_VALUES = 8, 16
 
@@ -151,9 +152,7 @@ class FlightComputer:
         start_s = time.monotonic()
         notice = threading.Timer(
             SLOW_COMPILE_S,
-            lambda: sys.stderr.write(
-                f"flight computer: compiling law '{self.image.law}' for this processor, once\n"
-            ),
+            lambda: sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor, once\n"),
         )
         notice.start()
         self._serve(new_state(self.image.law), self.executive.copy(), 0)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from flight_sw.boot import NOT_PERMITTED
+from flight_sw.boot import COMPILES, NOT_PERMITTED
 from flight_sw.errors import FlightError
 
 END_TIMEOUT_S = 3.0  # for the report and a clean exit after a stop request
@@ -47,9 +47,10 @@ class ComputerProcess:
     def _listen(self) -> None:
         assert self._process.stderr is not None
         for line in self._process.stderr:
-            self._words = [*self._words, line.strip()][-LAST_WORDS:]
             if line.startswith(NOT_PERMITTED):
                 self._warn(line.strip())
+            elif not line.startswith(COMPILES):  # neither says why it ended
+                self._words = [*self._words, line.strip()][-LAST_WORDS:]
 
     @property
     def pid(self) -> int:

@@ -59,6 +59,7 @@ DESIGN = RecordSpec(
     Field("k_gamma_p_1ps", -1e2, 1e2, "times the speed: a path-angle loop with a rate of its own"),
     Field("k_gamma_i_1ps2", -1e2, 1e2, "times the speed"),
     Field("peak_floor_ratio", 0.0, 1.0, "of the set point: no heat-flux peak below it"),
+    Field("peak_drop_wpm2", 0.0, 1e9, "below the highest sample: falling samples before are noise"),
     Field("peak_scale_exponent", 1.0, 10.0, "of set point over a lower peak, on the constant"),
     Field("adaptation_share_ratio", 0.0, 1.0, "of the error in sensed over modelled, a step"),
     Field("adaptation_load_min_g", 0.0, 10.0, "sensed: nothing is learnt below it"),
@@ -130,7 +131,8 @@ def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -
     if state["phase"] == PRE_PEAK:
         state["heat_flux_peak_wpm2"] = max(state["heat_flux_peak_wpm2"], q_wpm2)
         floor_wpm2 = design["peak_floor_ratio"] * design["heat_flux_max_wpm2"]
-        if q_wpm2 < state["heat_flux_prev_wpm2"] and q_wpm2 >= floor_wpm2:
+        is_down = q_wpm2 <= state["heat_flux_peak_wpm2"] - design["peak_drop_wpm2"]
+        if is_down and q_wpm2 < state["heat_flux_prev_wpm2"] and q_wpm2 >= floor_wpm2:
             state["falling"] += 1
         else:
             state["falling"] = 0

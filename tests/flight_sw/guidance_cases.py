@@ -109,6 +109,7 @@ def random_memory(rng: np.random.Generator, memory: Any, nav: Values, n: float) 
 def random_beliefs(rng: np.random.Generator, design: Any, memory: Any, nav: Values) -> None:
     """What the source lacks: a loop with its own gains, a held integral, forces learnt and felt."""
     design["k_gamma_p_1ps"], design["k_gamma_i_1ps2"] = rng.uniform(0.0, 0.1), 2.5e-3
+    design["peak_drop_wpm2"] = rng.choice([0.0, 0.0, 0.1]) * HEAT_FLUX_MAX_WPM2
     design["peak_floor_ratio"] = rng.choice([0.0, 0.5, 1.0])
     design["peak_scale_exponent"] = rng.uniform(1.0, 2.0)
     design["adaptation_share_ratio"] = rng.choice([0.0, 0.3, 1.0])

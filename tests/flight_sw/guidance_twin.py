@@ -73,7 +73,9 @@ class NominalTwin:
         if m["phase"] == 0:
             m["heat_flux_peak_wpm2"] = max(q, m["heat_flux_peak_wpm2"])
             high = q >= d["peak_floor_ratio"] * d["heat_flux_max_wpm2"]
-            m["falling"] = m["falling"] + 1 if high and q < m["heat_flux_prev_wpm2"] else 0
+            down = m["heat_flux_peak_wpm2"] - q >= d["peak_drop_wpm2"]
+            falls = high and down and q < m["heat_flux_prev_wpm2"]
+            m["falling"] = m["falling"] + 1 if falls else 0
             if m["falling"] >= 2:
                 m["phase"] = 1
         if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"]:

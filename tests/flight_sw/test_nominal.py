@@ -290,3 +290,24 @@ def test_telemetry_reports_what_its_names_say() -> None:
     assert telemetry["flow_exponent"] == 6.0
     assert telemetry["tracking_constant_ratio"] == pytest.approx(1.0, rel=1e-12)
     assert telemetry["flight_path_angle_cmd_rad"] == case.memory["gamma_cmd_rad"]
+
+
+def peak_seen_at(drop_wpm2: float) -> float:
+    """Time of the peak on a parabola of heat flux that peaks at 100 s, under 5 kW/m2 of noise."""
+    case = Case("nominal")
+    case.design["peak_drop_wpm2"] = drop_wpm2
+    rng = np.random.default_rng(20261125)
+    for step in range(8000):
+        t_s = 0.02 * step
+        q_wpm2 = 1.6e6 * (1.0 - ((t_s - 100.0) / 200.0) ** 2) + rng.normal(0.0, 5e3)
+        case.step(v_rel_mps=7000.0, alt_m=65e3, flight_path_angle_rad=-0.01, heat_flux_wpm2=q_wpm2)
+        if case.memory["phase"] != nominal.PRE_PEAK:
+            return t_s
+    return math.inf
+
+
+def test_noise_is_no_peak_where_the_design_asks_for_a_drop() -> None:
+    """Two in a row, 40 kW/m2 under the highest sample, which is some 3 sigma over the curve: the
+    curve has fallen by 15 to 40 kW/m2, which it does within 19 to 32 s."""
+    assert peak_seen_at(0.0) < 1.0
+    assert 119.0 < peak_seen_at(40e3) < 132.0

@@ -29,7 +29,8 @@ def many(world, truth, nav_state, values, ramp_mps3, out, gaps):
     """Reports in a row while sensed drag rises at a rate: values a row, and what was withheld."""
     for i in range(len(out)):
         measure(world, truth, nav_state, values)
-        out[i] = values
+        for k in range(len(values)):
+            out[i, k] = values[k]
         gaps[i] = nav_state["withheld"]
         truth["drag_mps2"] += ramp_mps3 * world["dt_s"]
 

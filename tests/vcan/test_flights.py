@@ -24,7 +24,6 @@ pytestmark = [pytest.mark.vcan, pytest.mark.jit_only]
 FLOOD_S = 10.0
 LONG_FLOOD_S = 600.0
 REALTIME_S = 60.0
-ATTEMPTS = 2
 FLOWN_RATIO = 4.0  # seconds of flight in a second of flood
 MANY_FRAMES = 20_000
 FALSE_EACH = 1000  # frames of each identifier
@@ -50,19 +49,20 @@ def test_a_lockstep_flight_sends_the_commands_of_memory() -> None:
 
 
 def test_a_minute_of_entry_in_real_time_slips_nowhere() -> None:
-    """In the box a busy host shows as lateness: a second try is given."""
-    for _ in range(ATTEMPTS):
-        summary = fly(time_max_s=REALTIME_S, pace=1.0)
-        assert summary["failure"] == ""
-        slips = {key: summary[key] for key in ("slips", "late_commands")}
-        harness = summary["timing"]["harness"]
-        print(f"real time on {INTERFACE}: {slips}, wake-up {harness['harness_wake_up_us']} us, "
-              f"round trip {harness['round_trip_us']} us")  # fmt: skip
-        if not any(slips.values()):
-            assert summary["pace_held"] is True
-            assert summary["command_sha256"] == sha256_in_memory(REALTIME_S)
-            return
-    pytest.skip(f"the machine was too busy for real time in {ATTEMPTS} tries: {slips}")
+    """A busy host shows as lateness: that is told, and nothing is claimed of the commands."""
+    summary = fly(time_max_s=REALTIME_S, pace=1.0)
+    slips = {key: summary[key] for key in ("slips", "ticks", "late_commands")}
+    harness = summary["timing"]["harness"]
+    print(f"real time on {INTERFACE}: {slips} in {summary['minor_frames']} frames, "
+          f"wake-up {harness['harness_wake_up_us']} us, round trip {harness['round_trip_us']} us, "
+          f"stolen {harness['stolen_s']} s")  # fmt: skip
+    assert summary["failure"] == ""
+    assert summary["flight_time_s"] == pytest.approx(REALTIME_S)
+    assert summary["frames_rejected"] == 0
+    if any(slips.values()):
+        pytest.skip(f"the machine was too busy for real time: {slips}")
+    assert summary["pace_held"] is True
+    assert summary["command_sha256"] == sha256_in_memory(REALTIME_S)
 
 
 def fly_flooded(seconds: float) -> tuple[dict[str, Any], int, float]:

@@ -11,12 +11,21 @@ import typer
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
+    from tools.review.viewer import Live
 
 RUNS = Path("runs")
 SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
 RECORDING_NAME = "flight.mcap"
 
+ExternalComputer = Annotated[
+    bool,
+    typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
+]
+ShowLive = Annotated[bool, typer.Option("--live", help="show the flight in a Rerun viewer")]
+InViewer = Annotated[
+    str | None, typer.Option(metavar="URL", help="--live, in a viewer that is open already")
+]
 TelemetryRate = Annotated[
     float, typer.Option(help="of decoded messages and truth in flight.mcap, Hz")
 ]
@@ -207,13 +216,13 @@ def fly(
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
-    external_computer: Annotated[
-        bool,
-        typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
-    ] = False,
+    live: ShowLive = False,
+    viewer: InViewer = None,
+    external_computer: ExternalComputer = False,
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from sim_harness.flight import FlightPlan
+    from tools.review.viewer import Live
 
     own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
     prepared, seed, then = _what_to_fly(own, campaign, run)
@@ -228,12 +237,12 @@ def fly(
         bus=bus,
         seed=seed,
         truth_rate_hz=checked_rate(telemetry_rate),
-        recorded=record,
+        recorded=record or live or viewer is not None,
         own_computer=not external_computer,
         pace=factor,
         synchronisation=synchronisation,
     )
-    summary = _fly(plan, folder, as_json)
+    summary = _fly(plan, folder, as_json, Live(live, viewer), record)
     if not as_json:
         _show(summary, prepared, folder.path)
     if campaign is not None and run is not None:
@@ -282,7 +291,9 @@ def _load_path(prepared: "Prepared", folder: Path) -> Path:
     return path
 
 
-def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
+def _fly(
+    plan: "FlightPlan", folder: "Folder", as_json: bool, live: "Live", record: bool
+) -> dict[str, Any]:
     """Fly, write the summary, and raise for a flight that was not flown to its end."""
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
@@ -291,12 +302,16 @@ def _fly(plan: "FlightPlan", folder: "Folder", as_json: bool) -> dict[str, Any]:
     from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    run = None
+    run, view = None, None
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
             run = FlightRun(plan, [line])
-            failure = fly_and_record(run, folder.path if plan.recorded else None)
+            view = live.view_of(run, _manifest(run))
+            run.listeners += [view] if view else []
+            failure = fly_and_record(run, folder.path if record else None)
     finally:
+        if view is not None:
+            view.close()
         if run is None or run.harness["truth"]["minor_frames"][0] == 0:
             folder.discard()
         else:

@@ -127,6 +127,8 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
     for name, value in choice:
         if name.endswith("_deg"):
             record[name.removesuffix("_deg") + "_rad"] = math.radians(value)
+        elif name.endswith("_kwpm2"):
+            record[name.removesuffix("_kwpm2") + "_wpm2"] = value * 1e3
         else:
             record[name] = value
 

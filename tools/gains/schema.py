@@ -106,6 +106,9 @@ class Nominal(Section):
     release_exponent: Annotated[
         float, Quantity("-", 2.0, 100.0, "heat-flux tracking ends below this n")
     ]
+    peak_drop_kwpm2: Annotated[
+        float, Quantity("kW/m2", 0.0, 1e5, "a heat-flux peak is one from so far below it; noise")
+    ] = 0.0
 
 
 class Lqy(Section):

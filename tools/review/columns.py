@@ -150,7 +150,8 @@ def lanes(flight: FlightData) -> list[Lane]:
         words = STATUS_WORDS if name == "law_status" else words
         places = changes(values)
         states = [words.get(int(v), str(int(v))) for v in values[places]]
-        found.append(Lane(title, t_s[places], states, _colours(states)))
+        colours = _colours([*words.values(), *states])
+        found.append(Lane(title, t_s[places], states, colours))
     return found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tools.review.coastlines import land, shore_lines
-from tools.review.geometry import circle, positions, velocity_and_lift
+from tools.review.geometry import circle, east_north_up, positions, velocity_and_lift
 from tools.review.palette import (
     COAST_RGBA,
     GRATICULE_RGBA,
@@ -33,6 +33,7 @@ LIFT_EVERY_S = 20.0
 MOVING_HZ = 2.0
 LIFT_SHARE, VELOCITY_SHARE, COMB_SHARE = 0.045, 0.06, 0.025  # of the radius
 TRACK_POINTS = 3000
+AHEAD_RAD = 0.8  # of a flight that has not been flown
 EYE_UP, EYE_ASIDE = 0.8, 0.45  # of the length of the track
 
 SEA, LAND = (24, 46, 72), (58, 78, 62)
@@ -257,12 +258,23 @@ def draw_places(stage: Stage, places: list[Place], body: Body) -> None:
             stage.still(f"{path}/outline", line)
 
 
-def eye(truth: Rows, body: Body) -> tuple[F8, F8, F8]:
+def track_ahead(truth: Rows, body: Body) -> F8:
+    """The great circle that lies ahead of a state: where a flight from there may well go."""
+    here = track_km(truth[:1], body.radius_km)[0]
+    east, north, _ = east_north_up(truth["lon_rad"][:1], truth["lat_rad"][:1])
+    heading = float(truth["heading_rad"][0])
+    ahead = (math.sin(heading) * east[0] + math.cos(heading) * north[0]) * np.linalg.norm(here)
+    angle = np.linspace(0.0, AHEAD_RAD, 20)[:, None]
+    return np.asarray(np.cos(angle) * here + np.sin(angle) * ahead)
+
+
+def eye(track: F8, body: Body) -> tuple[F8, F8, F8]:
     """Where to look from, what at, and what is up: the whole track from its side."""
-    track = track_km(truth, body.radius_km)
-    middle = track[len(track) // 2]
     chord = track[-1] - track[0]
-    up = middle / np.linalg.norm(middle)
+    between = track[0] + track[-1]
+    half_way = float(np.linalg.norm(between))
+    up = (between if half_way > 0.0 else track[0]) / (half_way or float(np.linalg.norm(track[0])))
+    middle = up * float(np.linalg.norm(track[len(track) // 2]))
     along = chord - (chord @ up) * up
     length = float(np.linalg.norm(along))
     along = along / length if length > 0.0 else np.cross(up, [0.0, 0.0, 1.0])

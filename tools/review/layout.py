@@ -37,10 +37,11 @@ def time_axis(until_s: float) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    if not np.isfinite(until_s):
-        return rrb.archetypes.TimeAxis()
-    ends = (rr.TimeRangeBoundary.absolute(seconds=t_s) for t_s in (0.0, until_s * TIME_ROOM))
-    return rrb.archetypes.TimeAxis(view_range=rr.TimeRange(*ends))
+    boundary = rr.TimeRangeBoundary
+    is_over = np.isfinite(until_s)
+    end = boundary.absolute(seconds=until_s * TIME_ROOM) if is_over else boundary.infinite()
+    whole = rr.TimeRange(start=boundary.absolute(seconds=0.0), end=end)
+    return rrb.archetypes.TimeAxis(view_range=whole)
 
 
 def time_view(panel: Panel, top: float, until_s: float) -> Any:
@@ -97,6 +98,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
     """The whole review, open at one of its tabs."""
     import rerun.blueprint as rrb
 
+    play: Any = "paused" if np.isfinite(shape.until_s) else "following"
     plots = {
         name: [
             time_view(panel, top, shape.until_s) for panel, top in shape.panels if panel.tab == name
@@ -134,7 +136,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state=play),
         auto_views=False,
         auto_layout=False,
     )

@@ -81,9 +81,11 @@ PANELS: tuple[Panel, ...] = (
 )
 
 TO_GO: tuple[Panel, ...] = (
-    _truth(TRAJECTORY, "range_to_go_m"),
+    _truth(ENTRY, "range_to_go_m"),
     _truth(TRAJECTORY, "crossrange_to_go_m"),
 )
+IDLE = ("plots/heat_flux", "plots/heat_load", "plots/angle_of_attack")
+"""Panels that are left out where a mission has nothing of the kind: zero from first to last."""
 
 SATURATION = {
     "plots/bank": ("bank_saturated", "bank"),

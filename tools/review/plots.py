@@ -10,7 +10,7 @@ from tools.review import columns
 from tools.review.chart import Chart, Look, Scale
 from tools.review.corridor import UPPER, Corridor, corridor, flown_by_speed
 from tools.review.palette import LIMIT, SATURATED, SOFT_LIMITS, Palette
-from tools.review.panels import LIMIT_UNITS, SATURATION, Panel
+from tools.review.panels import GUIDANCE, LIMIT_UNITS, SATURATION, Panel
 from tools.review.signals import shown
 from tools.review.source import FlightData
 from tools.review.stage import Stage, part
@@ -19,7 +19,7 @@ F8 = npt.NDArray[np.float64]
 
 MARGIN_HZ = 2.0
 NAMED_AT = (0.97, 0.9, 0.83, 0.76, 0.69, 0.62)  # along a flight's line in a chart
-WIDE, THIN = 4.0, 1.7  # what is commanded shows on both sides of what is flown
+WIDE, THIN = 3.6, 1.5  # what is commanded shows on both sides of what is flown
 DRAG_CHART, ALTITUDE_CHART = "charts/drag", "charts/altitude"
 
 
@@ -39,7 +39,8 @@ def draw_panel(stage: Stage, panel: Panel, flight: FlightData, look: Palette) ->
             colour, spare = look.other(spare), spare + 1
         path = f"{panel.path}/{part(flight.label)}/{part(line.name)}"
         name = line.name if look.is_alone else f"{flight.label}: {line.name}"
-        wide = line.is_commanded and look.is_alone
+        is_beneath = line.is_commanded or (panel.tab == GUIDANCE and not line.is_flown)
+        wide = is_beneath and look.is_alone and panel.lines[-1].is_flown
         stage.line_style(path, name, colour, WIDE if wide else THIN)
         stage.scalars(path, t_s, values * shown(line.field).factor)
     if panel.path in SATURATION:
@@ -69,7 +70,8 @@ def _draw_margin(stage: Stage, panel: Panel, flight: FlightData, look: Palette) 
     """The limit, and for a flight alone the room below it: a zigzag line, so dense that it is a
     shade."""
     limit = limit_of(panel, flight)
-    if not np.isfinite(limit) or (panel.path, limit) in stage.drawn:
+    is_known = (panel.path, limit) in stage.drawn and not stage.is_live
+    if not np.isfinite(limit) or is_known:
         return
     stage.drawn.add((panel.path, limit))
     t_s, values = columns.column(flight, "", LIMIT_UNITS[panel.limit])

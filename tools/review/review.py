@@ -1,6 +1,7 @@
 """A review: flights laid over each other on one stage, with the blueprint that shows them."""
 
 import numpy as np
+import numpy.typing as npt
 
 from tools.review import globe, plots
 from tools.review.chart import Chart
@@ -8,10 +9,12 @@ from tools.review.columns import column, target_of, thinned, truth_fields
 from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
 from tools.review.layout import Shape
 from tools.review.palette import palette
-from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_panels
+from tools.review.panels import GUIDANCE, IDLE, PANELS, TO_GO, Panel, bus_panels, telemetry_panels
 from tools.review.sheet import sheet
 from tools.review.source import FlightData
 from tools.review.stage import Stage
+
+F8 = npt.NDArray[np.float64]
 
 LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
 """Where in PathLimits a limit of the corridor stands."""
@@ -27,21 +30,27 @@ def plan(flights: list[FlightData]) -> Shape:
         for panel in (*telemetry_panels(messages, truth_fields(flight)), *bus_panels(messages)):
             wanted.setdefault(panel.path, panel)
     shown = [panel for panel in wanted.values() if any(_has(panel, f) for f in flights)]
-    panels = [(panel, _top(panel, flights)) for panel in shown]
+    panels = [(panel, top_of(panel, flights)) for panel in shown]
     charts = plots.charts_of(flights)
     over = [f for f in flights if f.planet_radius_m is not None and f.has(*globe.POSITION)]
     body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
-    planet = (body, globe.eye(over[0].truth, body)) if body is not None else None
+    planet = (body, _eye(over[0], body)) if body is not None else None
     until_s = max(flight.recording.until_s for flight in flights)
     return Shape(panels, charts, planet, until_s, len(flights))
 
 
 def _has(panel: Panel, flight: FlightData) -> bool:
-    return any(len(column(flight, line.message, line.field)[0]) for line in panel.lines)
+    """Whether there is something to see: of telemetry more than the truth beside it, and of an
+    angle or a heat flux that the mission has more than zeros."""
+    lines = [line for line in panel.lines if line.message or panel.tab != GUIDANCE]
+    found = [column(flight, line.message, line.field)[1] for line in lines]
+    if panel.path in IDLE:
+        return any(values.any() for values in found)
+    return any(len(values) for values in found)
 
 
-def _top(panel: Panel, flights: list[FlightData]) -> float:
-    """What the plot has to reach up to: limits and values; nan leaves it to the viewer."""
+def top_of(panel: Panel, flights: list[FlightData]) -> float:
+    """What a plot has to reach up to; NaN leaves it to the viewer."""
     if not panel.limit:
         return np.nan
     limits = [plots.limit_of(panel, flight) for flight in flights]
@@ -49,10 +58,15 @@ def _top(panel: Panel, flights: list[FlightData]) -> float:
     return max(limits, default=np.nan)
 
 
+def _eye(flight: FlightData, body: globe.Body) -> tuple[F8, F8, F8]:
+    return globe.eye(globe.track_km(flight.truth, body.radius_km), body)
+
+
 def peak_s(flight: FlightData) -> float:
-    """When the heat flux was highest; half-way where that is not known."""
-    if flight.has("heat_flux_wpm2"):
-        return float(flight.truth["t_s"][flight.truth["heat_flux_wpm2"].argmax()])
+    """When the heat flux was highest, or the load; half-way where neither is known."""
+    for name in ("heat_flux_wpm2", "load_factor_g"):
+        if flight.has(name) and flight.truth[name].any():
+            return float(flight.truth["t_s"][flight.truth[name].argmax()])
     return flight.recording.until_s / 2.0
 
 

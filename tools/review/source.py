@@ -46,6 +46,7 @@ class FlightData:
     def __init__(self, label: str, recording: Recording) -> None:
         self.label = label
         self.recording = recording
+        self.messages: dict[str, tuple[F8, Mapping[str, Column]]] = {}
         self.gaps: list[str] = []
         self.mission = self._mission()
         self.limits = limits_of(self.mission)
@@ -61,12 +62,13 @@ class FlightData:
         """Whether the truth was recorded with these fields."""
         return len(self.truth) > 1 and set(names) <= set(self.truth.dtype.names or ())
 
-    @functools.lru_cache(maxsize=64)  # noqa: B019 - a review ends with its process
     def message(self, name: str) -> tuple[F8, Mapping[str, Column]]:
         """Times and signals of a message; without rows where there is no such message."""
         if name not in {message.name for message in self.recording.decoder.messages}:
             return np.zeros(0), {}
-        return self.recording.message(name)
+        if name not in self.messages:
+            self.messages[name] = self.recording.message(name)
+        return self.messages[name]
 
     @property
     def end_speed_mps(self) -> float:

@@ -21,6 +21,7 @@ F8 = npt.NDArray[np.float64]
 APPLICATION = "aeroshell"
 TIMELINE = "mission_time"
 NS_PER_S = 1e9
+SLOW = "timed out"  # in what a flush says of a viewer that does not read
 UNFIT = re.compile(r"[^A-Za-z0-9.-]+")  # for a part of an entity path
 LEVELS = {
     LogLevel.DEBUG: "DEBUG",
@@ -40,13 +41,17 @@ class Stage:
     """A recording of Rerun's that is being filled."""
 
     def __init__(self, name: str, recording_id: str | None = None) -> None:
-        os.environ.setdefault("RUST_LOG", "error")  # nothing of the library's own on stderr
+        os.environ.setdefault("RUST_LOG", "off")  # nothing of the library's own on stderr
         import rerun as rr
 
         self.rr = rr
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         self.drawn: set[tuple[str, float]] = set()  # limits, by panel: one line for all flights
         self._name = name
+        self.is_live = False
+        self._last_state: dict[str, str] = {}
+        self._styled: set[str] = set()
+        self._coloured: dict[str, set[str]] = {}
 
     def name(self) -> None:
         """Say what the recording is called; after the sink is chosen."""
@@ -57,7 +62,8 @@ class Stage:
         self.stream.save(path, default_blueprint=blueprint)
 
     def connect(self, url: str, blueprint: Any) -> None:
-        """Send what comes to a viewer."""
+        """Send what comes to a viewer; the process does not wait for it in the end."""
+        self.rr.unregister_shutdown()
         self.stream.connect_grpc(url)
         self.stream.send_blueprint(blueprint, make_active=True)
 
@@ -70,6 +76,22 @@ class Stage:
         """Something that does not depend on time."""
         self.stream.log(path, *content, static=True)
 
+    def _is_styled(self, path: str) -> bool:
+        """Whether the look of a path has been told before."""
+        is_told = path in self._styled
+        self._styled.add(path)
+        return is_told
+
+    def is_sent(self, within_s: float) -> bool:
+        """Whether the viewer has taken everything; a viewer that is gone is an error."""
+        try:
+            self.stream.flush(timeout_sec=within_s)
+        except RuntimeError as error:
+            if SLOW in str(error):
+                return False
+            raise ConnectionError(str(error)) from error
+        return True
+
     def _columns(self, path: str, t_s: F8, columns: Any) -> None:
         exact = np.rint(np.asarray(t_s, float) * NS_PER_S).astype("timedelta64[ns]")
         times = self.rr.TimeColumn(TIMELINE, duration=exact)
@@ -77,6 +99,8 @@ class Stage:
 
     def line_style(self, path: str, name: str, colour: Rgba, width: float = 1.6) -> None:
         """How a line over time looks."""
+        if self._is_styled(path):
+            return
         style = self.rr.SeriesLines(
             colors=[colour], widths=[width], names=[name], aggregation_policy="MinMax"
         )
@@ -84,6 +108,8 @@ class Stage:
 
     def dot_style(self, path: str, name: str, colour: Rgba, size: float = 3.0) -> None:
         """How dots over time look."""
+        if self._is_styled(path):
+            return
         style = self.rr.SeriesPoints(
             colors=[colour], marker_sizes=[size], names=[name], markers=["Circle"]
         )
@@ -96,12 +122,18 @@ class Stage:
             self._columns(path, t_s[good], self.rr.Scalars.columns(scalars=values[good]))
 
     def states(self, path: str, t_s: F8, names: Sequence[str]) -> None:
-        """Changes of a state."""
+        """Changes of a state; a first one that is what it was is none."""
+        if len(names) and self._last_state.get(path) == names[0]:
+            t_s, names = t_s[1:], names[1:]
         if len(names):
+            self._last_state[path] = names[-1]
             self._columns(path, t_s, self.rr.StateChange.columns(state=list(names)))
 
     def state_style(self, path: str, colours: Mapping[str, Rgba]) -> None:
         """The colours of a lane of states."""
+        if set(colours) <= self._coloured.setdefault(path, set()):
+            return
+        self._coloured[path] |= set(colours)
         packed = [
             (red << 24) + (green << 16) + (blue << 8) + alpha
             for red, green, blue, alpha in colours.values()

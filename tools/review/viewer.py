@@ -1,26 +1,31 @@
 """Rerun's viewer as a process: opened for a person, or without a window for a picture."""
 
+import importlib.util
 import os
-import shutil
 import socket
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
 from tools.review.stage import TIMELINE
 
-WINDOW = (1920, 1080)
+if TYPE_CHECKING:
+    from sim_harness.flight import FlightRun
+    from tools.review.live import LiveView
+
+WINDOW = (1760, 990)
 START_S, LOAD_S, NOTICES_S = (
     30.0,
     60.0,
     9.0,
 )  # longest waits; how long a notice stays in the picture
-LOOK_S = 0.25
+LOOK_S, ANSWER_S = 0.25, 3.0
+SCHEMES = ("rerun", "rerun+http", "rerun+https")
 ENVIRONMENT = {"RERUN_APP_ONLY": "true"}
 
 
@@ -29,12 +34,12 @@ class ViewerError(AeroshellError):
 
 
 def executable() -> str:
-    """The viewer's program: beside this Python, or on the path."""
-    beside = Path(sysconfig.get_path("scripts")) / "rerun"
-    found = str(beside) if beside.is_file() else shutil.which("rerun")
-    if found is None:
-        raise ViewerError("the Rerun viewer is not installed, `pip install rerun-sdk` brings it")
-    return found
+    """The viewer's own program: the `rerun` on the path is a script that starts it as its child."""
+    package = importlib.util.find_spec("rerun_cli")
+    for folder in (package.submodule_search_locations or []) if package else []:
+        if (program := Path(folder) / "rerun").is_file():
+            return str(program)
+    raise ViewerError("the Rerun viewer is not installed, `pip install rerun-sdk` brings it")
 
 
 def free_port() -> int:
@@ -60,6 +65,62 @@ def start(arguments: list[str], log: Any) -> "subprocess.Popen[bytes]":
         env={**os.environ, **ENVIRONMENT},
         start_new_session=True,
     )
+
+
+def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
+    """A viewer that waits for a flight: its address and its process."""
+    if needs_display():
+        raise ViewerError(
+            "--live: no display to open a window on; --viewer URL shows the flight elsewhere"
+        )
+    port = free_port()
+    log = tempfile.TemporaryFile()
+    process = start(["--port", str(port), "--hide-welcome-screen"], log)
+    _connected(process, port, log)
+    return address(port), process
+
+
+class Live(NamedTuple):
+    """Whether a flight is shown while it is flown, and in which viewer; none: a new one."""
+
+    is_wanted: bool
+    url: str | None
+
+    def view_of(self, run: "FlightRun", manifest: dict[str, str]) -> "LiveView | None":
+        """The listener that shows it, its viewer opened; nothing of Rerun is read without one."""
+        if not self.is_wanted and self.url is None:
+            return None
+        from tools.review.live import LiveView
+
+        url, process = (reachable(self.url), None) if self.url else open_live()
+        return LiveView(run, manifest, url, _tell, process)
+
+
+def _tell(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+
+
+def reachable(url: str) -> str:
+    """The address of a viewer that is open already, once it has answered."""
+    parts = urlsplit(url)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if parts.scheme not in SCHEMES or not host or not port or parts.path != "/proxy":
+        raise ViewerError(f"--viewer {url}: allowed is an address like {address(9876)}")
+    with socket.socket() as probe:
+        probe.settimeout(ANSWER_S)
+        try:
+            probe.connect((host, port))
+        except OSError as error:
+            raise ViewerError(f"--viewer {url}: no viewer answers there ({error})") from error
+    return url
+
+
+def address(port: int) -> str:
+    """Where a viewer of this machine listens."""
+    return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
 def open_window(file: Path, at_s: float) -> None:
@@ -118,7 +179,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
             break
         with socket.socket() as probe:
             if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+                return ViewerClient.connect(address(port))
         time.sleep(LOOK_S)
     log.seek(0)
     why = _last_line(log.read())
