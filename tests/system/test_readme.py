@@ -46,6 +46,10 @@ def variant(line: str) -> str:
     command = command.replace("sim_harness/missions/", f"{ROOT}/sim_harness/missions/")
     if command == "aeroshell gains hyperion-1":
         return "aeroshell gains gains/hyperion-1/design.toml"  # the copy's images
+    if command.startswith("aeroshell campaign"):
+        return re.sub(r"-n \d+", "-n 2", command) + f" {CUT_SHORT}"
+    if command.startswith("aeroshell fly --from"):
+        return re.sub(r"--run \d+", "--run 2", command) + f" {IN_MEMORY}"
     if command.startswith("aeroshell review"):
         command = command.replace("hyperion-1-lqy-001", "hyperion-1-nominal-001")  # is recorded
         draws = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
