@@ -1,5 +1,6 @@
 """The high-gain observer: closed forms, an integrated twin, and input it must not believe."""
 
+import functools
 import math
 from typing import Any
 
@@ -122,6 +123,7 @@ def drag_mps2(t_s: float) -> tuple[float, float, float]:
     return d, -2.0 * x / 25.0 * d, (4.0 * x * x - 2.0) / 625.0 * d
 
 
+@functools.cache
 def rates_along_a_pulse(rate_hz: int, hold: Any) -> np.ndarray:
     """Estimated rate minus the true one, every half second, once the start is forgotten."""
     watch = Watch(Observer(eps_s=EPS_S, l1=2.0, l2=1.0, hold=hold), 1.0 / rate_hz)
