@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from sim_harness import bus_flight
 from sim_harness.bus_flight import fly_bus
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory
 from sim_harness.summary import summary_of
@@ -26,7 +27,8 @@ PEAK = (
     "entry.flight_path_angle_deg=-0.225",
     "entry.angle_of_attack_deg=45",
 )
-END_S = 20.0
+END_S = 60.0
+bus_flight.SIGN_OF_LIFE_S = bus_flight.START_UP_S  # a computer started here imports in the box
 
 
 class Trigger:

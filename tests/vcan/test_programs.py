@@ -16,12 +16,16 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.can.address import identifiers_from, open_bus
+from sim_harness.flight import FlightRun
 from tests.vcan.flying import BUS, END_S, INTERFACE, Trigger, end, fly, program, running, start
 
 pytestmark = [pytest.mark.vcan, pytest.mark.jit_only]
 
 BITRATE_BPS = 1_000_000
 POINTS = 2.0
+MEASURED_MAX_S = 120.0
+MONITORED_S = 30.0
+RECEIVERS = Path("/proc/net/can/rcvlist_all")
 FOREIGN_ID = 0x5A5
 LINE = re.compile(r"\((?P<t>[\d.]+)\) vcan0 (?P<id>[0-9A-F]{3})#(?P<data>[0-9A-F]*)")
 
@@ -73,31 +77,43 @@ def test_python_can_hears_a_flight_on_the_same_interface() -> None:
     assert len(commands) == summary["minor_frames"]
 
 
-def measured(seconds: float, end_s: float, log: Path) -> tuple[dict[str, Any], list[int]]:
-    """A flight in real time heard by `bus load --measure` and by canbusload, each second."""
-    processes: list[subprocess.Popen[bytes]] = []
-    ours = log.with_suffix(".json")
+class UntilMeasured(Trigger):
+    """Starts the measurements when the computer is ready, and ends the flight when ours is over."""
 
-    def measure() -> None:
-        processes.append(start("canbusload", f"{INTERFACE}@{BITRATE_BPS}", output=log))
-        with ours.open("wb") as file:
-            processes.append(
+    def __init__(self, seconds: float, log: Path) -> None:
+        super().__init__(self._start)
+        self.seconds, self.log, self.ours = seconds, log, log.with_suffix(".json")
+        self.processes: list[subprocess.Popen[bytes]] = []
+
+    def _start(self) -> None:
+        self.processes.append(start("canbusload", f"{INTERFACE}@{BITRATE_BPS}", output=self.log))
+        with self.ours.open("wb") as file:
+            self.processes.append(
                 subprocess.Popen(
                     [sys.executable, "-m", "tools.cli", "bus", "load", "--measure", BUS,
-                     f"--seconds={seconds:g}", "--json"], stdout=file,
+                     f"--seconds={self.seconds:g}", "--json"], stdout=file,
                 )
             )  # fmt: skip
 
-    summary = fly(time_max_s=end_s, pace=1.0, trigger=Trigger(measure))
-    status = processes[1].poll()
-    end(*processes)
+    def progress(self, run: FlightRun) -> None:
+        """Ask the flight to end once there is nothing to be heard for."""
+        if self.processes and self.processes[1].poll() is not None:
+            run.harness["asked_to_end"] = 1
+
+
+def measured(seconds: float, log: Path) -> tuple[dict[str, Any], list[int]]:
+    """A flight in real time heard by `bus load --measure` and by canbusload, each second."""
+    both = UntilMeasured(seconds, log)
+    summary = fly(time_max_s=MEASURED_MAX_S, pace=1.0, trigger=both)
+    status = both.processes[1].poll()
+    end(*both.processes)
     assert (summary["failure"], status) == ("", 0)
     percents = [int(p) for p in re.findall(r"(\d+)%", log.read_text("ascii"))]
-    return json.loads(ours.read_text("ascii")), sorted(percents[2:])
+    return json.loads(both.ours.read_text("ascii")), sorted(percents[2:])
 
 
 def test_canbusload_and_the_worst_case_agree_with_our_measurement(tmp_path: Path) -> None:
-    found, percents = measured(seconds=4.0, end_s=16.0, log=tmp_path / "load")
+    found, percents = measured(seconds=4.0, log=tmp_path / "load")
     worst, ours = 100.0 * found["total_ratio"], 100.0 * found["measured"]["load_ratio"]
     middle = percents[len(percents) // 2]
     print(f"worst case {worst:.2f} %, measured {ours:.2f} %, canbusload {percents} %")
@@ -107,7 +123,7 @@ def test_canbusload_and_the_worst_case_agree_with_our_measurement(tmp_path: Path
 
 def test_canbusload_counts_foreign_traffic_as_we_do(tmp_path: Path) -> None:
     with running(("cangen", INTERFACE, "-g", "2", "-I", "5A5", "-L", "8")):
-        found, percents = measured(seconds=4.0, end_s=16.0, log=tmp_path / "load")
+        found, percents = measured(seconds=4.0, log=tmp_path / "load")
     ours = 100.0 * found["measured"]["load_ratio"]
     print(f"measured {ours:.2f} %, canbusload {percents} %")
     assert ours > 100.0 * found["total_ratio"]
@@ -142,9 +158,12 @@ def test_the_kernel_keeps_out_what_the_other_side_does_not_send(
 
 
 def test_the_monitor_counts_and_decodes_a_flight() -> None:
-    command = [sys.executable, "-m", "tools.cli", "bus", "monitor", BUS, "--seconds=10", "--json"]
+    command = [sys.executable, "-m", "tools.cli", "bus", "monitor", BUS]
+    command += [f"--seconds={MONITORED_S:g}", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as monitor:
-        time.sleep(5.0)
+        while f" {INTERFACE} " not in RECEIVERS.read_text("ascii"):
+            assert monitor.poll() is None
+            time.sleep(0.05)
         summary = fly(time_max_s=3.0)
         text, _ = monitor.communicate(timeout=END_S)
     messages = {m["message"]: m for m in json.loads(text)["messages"]}
