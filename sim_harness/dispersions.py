@@ -76,11 +76,12 @@ def correlation_root(dispersions: Dispersions, keys: list[str], where: str) -> F
     if not dispersions.correlations:
         return None
     try:
-        return np.linalg.cholesky(matrix)
+        root: F8 = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
         raise MissionError(
             f"{where}.correlations contradict each other: their matrix is not positive definite"
         ) from None
+    return root
 
 
 def offsets(spread: Uniform | Normal, u: F8) -> F8:
