@@ -76,7 +76,7 @@ def correlation_root(dispersions: Dispersions, keys: list[str], where: str) -> F
     if not dispersions.correlations:
         return None
     try:
-        root: F8 = np.linalg.cholesky(matrix)
+        root = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise MissionError(
             f"{where}.correlations contradict each other: their matrix is not positive definite"
