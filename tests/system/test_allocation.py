@@ -6,8 +6,10 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 from numba.core.runtime import _nrt_python, rtsys
 
 from flight_sw.executive import serve
@@ -47,10 +49,21 @@ def make_array(n: int) -> float:
     return np.zeros(n)[n - 1]
 
 
-@kernel
+@numba.njit
+def make_array_all_the_same(n: int) -> float:
+    """The same, without the project's flags."""
+    return np.zeros(n)[n - 1]
+
+
+@numba.njit
 def call_it(n: int) -> float:
     """An allocation behind a call."""
-    return make_array(n) + 1.0
+    return make_array_all_the_same(n) + 1.0
+
+
+def test_a_kernel_that_would_allocate_is_refused_by_the_compiler() -> None:
+    with pytest.raises(TypingError, match="zeros"):
+        make_array(3)
 
 
 def test_an_allocation_is_seen_behind_a_call(fresh_compile: Callable[..., Any]) -> None:
