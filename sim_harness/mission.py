@@ -1,7 +1,7 @@
 """Missions: loading a shipped one or a file of one's own, with overrides, and its records."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -11,7 +11,15 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from flight_sw.errors import MissionError
 from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation, Wind
 from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
-from sim_harness.mission_errors import chosen, item_of, nearest, sections_of, sentence
+from sim_harness.mission_errors import (
+    TAG,
+    annotation_at,
+    chosen,
+    item_of,
+    nearest,
+    sections_of,
+    sentence,
+)
 from sim_harness.mission_keys import (
     Actuators,
     End,
@@ -249,11 +257,29 @@ def resolve(key: str, known: list[str]) -> str:
     raise MissionError(f"{key} is not a known key{nearest(key, known)}; allowed {', '.join(known)}")
 
 
+def models_first(keys: Iterable[str]) -> list[str]:
+    """Dotted keys in the order in which to write them: models decide which others exist."""
+    return sorted(keys, key=lambda key: key.rsplit(".", 1)[-1] != TAG)
+
+
 def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:
-    """Writes overrides into what the file said, models first: they decide which keys exist."""
-    for key in sorted(overrides, key=lambda k: k.rsplit(".", 1)[-1] != "model"):
+    """Writes overrides into what the file said; another model takes over only what it shares."""
+    for key in models_first(overrides):
         *parents, leaf = resolve(key, leaf_keys(Mission, raw)).split(".")
+        before = annotation_at(Mission, raw, tuple(parents))
         table = raw
         for parent in parents:
             table = table.setdefault(parent, {})
         table[leaf] = value_of(overrides[key])
+        after = annotation_at(Mission, raw, tuple(parents))
+        if leaf == TAG and after is not before and isinstance(after, type):
+            for name in [name for name in table if not _is_shared(name, before, after)]:
+                del table[name]
+
+
+def _is_shared(name: str, before: Any, after: type[Section]) -> bool:
+    """Whether two sections mean the same by a key."""
+    if name == TAG:
+        return True
+    fields = [getattr(section, "model_fields", {}).get(name) for section in (before, after)]
+    return None not in fields and fields[0].annotation == fields[1].annotation

@@ -5,6 +5,7 @@ rate) change its load too; a design key changes only the load, which is then mad
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,9 +14,11 @@ from flight_sw.load_image import read_image
 from sim_harness.mission import (
     SHIPPED,
     Mission,
+    apply,
     find,
     leaf_keys,
     load_mission,
+    models_first,
     read_toml,
     resolve,
     value_of,
@@ -58,18 +61,19 @@ def split(
     pairs: dict[str, str], raw: dict[str, Any], tree: dict[str, Any]
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Overrides of the mission and of the design, under their full names."""
-    known = leaf_keys(Mission, raw)
-    known += [DESIGN_PREFIX + key for key in leaf_keys(Design, tree)]
-    known = [key for key in known if key not in NOT_SETTABLE]
+    raw = deepcopy(raw)
     mission, design = {}, {}
-    for key, value in pairs.items():
+    for key in models_first(pairs):
         if key.rsplit(".", 1)[-1] == "law":
             raise MissionError(f"--set {key}: the law is chosen with --law")
-        full = resolve(key, known)
+        known = leaf_keys(Mission, raw)
+        known += [DESIGN_PREFIX + name for name in leaf_keys(Design, tree)]
+        full = resolve(key, [name for name in known if name not in NOT_SETTABLE])
         if full.startswith(DESIGN_PREFIX):
-            design[full.removeprefix(DESIGN_PREFIX)] = value
+            design[full.removeprefix(DESIGN_PREFIX)] = pairs[key]
         else:
-            mission[full] = value
+            mission[full] = pairs[key]
+            apply(raw, {full: pairs[key]})
     return mission, design
 
 

@@ -6,6 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from flight_sw.atmosphere import density
 from flight_sw.errors import MissionError
 from sim_harness import mission_reference
 from sim_harness.mission import SHIPPED, Mission, list_missions, load_mission
@@ -275,6 +276,16 @@ def test_override_of_a_model_brings_its_keys():
         },
     )
     assert mission.world()["atmosphere"]["n"][0] == 2
+
+
+def test_override_of_a_model_drops_what_the_other_model_said():
+    shipped = {"atmosphere.model": "table", "csv": "mars-gram-average.csv", "density_factor": 1.1}
+    mission = load_mission("mars-lander", {**shipped, "gas_constant_jpkgk": 188.92})
+    air = mission.world()["atmosphere"][0]
+    assert density(air, 30e3) == pytest.approx(7.659e-4, rel=1e-9)  # a row of the profile
+    assert mission.atmosphere.density_factor == 1.1  # both models have it
+    with pytest.raises(MissionError, match=r"scale_height_m is not a known key"):
+        load_mission("mars-lander", {**shipped, "scale_height_m": 9000.0})
 
 
 @pytest.mark.parametrize(

@@ -74,6 +74,14 @@ def test_range_control_ends_on_target_whatever_the_air(factor: float) -> None:
     assert abs(triggered["downrange_error_km"]) < 0.15
 
 
+def test_an_average_profile_of_the_planet_moves_the_end_less_with_range_control() -> None:
+    air = ("atmosphere.model=table", "atmosphere.csv=mars-gram-average.csv")
+    held = flown("range-predictor", air)
+    tracked = flown("drag-observer", air)
+    assert 1.0 < abs(tracked["downrange_error_km"]) < 10.0
+    assert abs(held["downrange_error_km"]) < 0.2 * abs(tracked["downrange_error_km"])
+
+
 def plan(
     path: Path, bus: str, overrides: dict[str, float], mission: Any = "mars-lander"
 ) -> FlightRun:
