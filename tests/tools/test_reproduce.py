@@ -80,6 +80,16 @@ def test_the_last_line_is_the_verdict_and_every_row_is_shown(
     assert "chance" in lines
 
 
+def test_no_figure_is_cut_however_narrow_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    quantity = "a quantity with a name as long as those of the longest rows of a batch"
+    some = reproduction(near(quantity, 5741.25, 5743.1, "km", 0.025))
+    show(some, Console(width=40))
+    shown = capsys.readouterr().out
+    (line,) = [line for line in shown.splitlines() if quantity in line]
+    assert all(text in line for text in ("5,743.1", "5,741.2", "-0.0%", "within 2.5%", "yes"))
+    assert "…" not in shown
+
+
 @pytest.mark.parametrize(("holds", "status"), [(True, 0), (False, 1)])
 def test_a_missed_bar_is_exit_status_one(
     holds: bool,
