@@ -152,8 +152,8 @@ def receive(load: Record, state: Record, frame: Record) -> bool:
     counter = counter_of(frame["data"])
     accept(rx, slot, counter, verdict)
     accepted = state["accepted"]
-    first = int(codec["first_value"][slot])
-    for i in range(first, first + int(codec["n_signals"][slot])):
+    first = codec["first_value"][slot]
+    for i in range(first, first + codec["n_signals"][slot]):
         accepted[i] = received[i]
     if slot == REQUEST:
         _take_request(load, state)

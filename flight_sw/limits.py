@@ -70,8 +70,12 @@ def limit(wanted_rad: float, dt_s: float, limits: Record, limiter: Record) -> in
 
     previous_rad = limiter["command_rad"]
     rate_prev_radps = limiter["rate_radps"]
-    rate_radps = (target_rad - previous_rad) / dt_s
     step_radps = limits["accel_max_radps2"] * dt_s
+    if target_rad == previous_rad and abs(rate_prev_radps) <= step_radps:
+        limiter["command_rad"] = target_rad  # where it is already, and able to stay there
+        limiter["rate_radps"] = target_rad - previous_rad
+        return code
+    rate_radps = (target_rad - previous_rad) / dt_s
     brake_radps = stoppable_rate(abs(target_rad - previous_rad), step_radps, dt_s)
     reach_radps = min(limits["rate_max_radps"], brake_radps)
     rate_radps = min(max(rate_radps, -reach_radps), reach_radps)

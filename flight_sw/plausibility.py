@@ -35,6 +35,7 @@ T = icd.value_index("NAV_TIME", "t_s")
 
 TIME_SLACK_CYCLES = 16.0  # time messages that may be lost before the next one looks false
 COS_LAT_MIN = 0.02  # no gate on longitude nearer to a pole than 1.1 deg
+INSIDE_RAD = 3.0  # an angle within it is what wrapping it gives, bit for bit
 COS_GAMMA_MIN = 0.1  # no gate on heading within 6 deg of the vertical
 
 GATES = RecordSpec(
@@ -53,6 +54,8 @@ GATES = RecordSpec(
 @kernel
 def wrapped(angle_rad: float) -> float:
     """The same angle within +-pi."""
+    if abs(angle_rad) <= INSIDE_RAD:
+        return angle_rad
     return angle_rad - math.tau * math.floor((angle_rad + math.pi) / math.tau)
 
 
@@ -78,15 +81,25 @@ def _attitude(gates: Record, state: Record, values: F8, cycles: int) -> bool:
 
 
 @kernel
+def _position(nav: Record, values: F8, radius_m: float, reach_m: float) -> bool:
+    """Position within reach of the last fix."""
+    north_m = abs(values[LAT] - nav["lat_rad"]) * radius_m
+    east_rad = abs(wrapped(values[LON] - nav["lon_rad"]))
+    if north_m <= reach_m and east_rad * radius_m <= reach_m:
+        return True  # at any latitude
+    cos_lat = math.cos(nav["lat_rad"])
+    return north_m <= reach_m and (
+        east_rad * cos_lat * radius_m <= reach_m or cos_lat < COS_LAT_MIN
+    )
+
+
+@kernel
 def _motion(gates: Record, state: Record, slot: int, values: F8, span_s: float) -> bool:
     """Position, speed and direction within reach of the last fix."""
     nav = state["nav"]
     reach_m = nav["v_rel_mps"] * span_s + gates["distance_margin_m"]
     if slot == POSITION:
-        cos_lat = math.cos(nav["lat_rad"])
-        north_m = abs(values[LAT] - nav["lat_rad"]) * state["radius_m"]
-        east_m = abs(wrapped(values[LON] - nav["lon_rad"])) * cos_lat * state["radius_m"]
-        return north_m <= reach_m and (east_m <= reach_m or cos_lat < COS_LAT_MIN)
+        return _position(nav, values, state["radius_m"], reach_m)
     if slot == VERTICAL:
         return (
             abs(values[ALT] - nav["alt_m"]) <= reach_m
@@ -95,9 +108,9 @@ def _motion(gates: Record, state: Record, slot: int, values: F8, span_s: float) 
     turn_rad = gates["turn_rate_max_radps"] * span_s
     if not abs(values[PATH_ANGLE] - nav["flight_path_angle_rad"]) <= turn_rad:
         return False
-    if math.cos(nav["flight_path_angle_rad"]) < COS_GAMMA_MIN:
+    if abs(wrapped(values[HEADING_ANGLE] - nav["heading_rad"])) <= turn_rad:
         return True
-    return abs(wrapped(values[HEADING_ANGLE] - nav["heading_rad"])) <= turn_rad
+    return math.cos(nav["flight_path_angle_rad"]) < COS_GAMMA_MIN
 
 
 @kernel

@@ -4,6 +4,8 @@ Limits: grids ascend strictly and hold at least one value; outside its range a t
 value. A NaN argument gives NaN.
 """
 
+import math
+
 from flight_sw.jit import kernel
 from flight_sw.types_ import F8
 
@@ -27,14 +29,23 @@ def bracket(x: float, grid: F8, n: int) -> int:
 
 
 @kernel
-def interp(x: float, grid: F8, column: F8, n: int) -> float:
-    """Value of the first n rows of `column` at x: linear inside the grid, held outside."""
+def place(x: float, grid: F8, n: int) -> tuple[int, float]:
+    """Row of x in the first n of a grid, and its share of the way to the next: 0 outside."""
     if x <= grid[0]:
-        return column[0]
+        return 0, 0.0
     if x >= grid[n - 1]:
-        return column[n - 1]
+        return n - 1, 0.0
     if n < 2:
-        return x  # NaN against a single row: passed on
+        return 0, x  # NaN against a single row
     i = bracket(x, grid, n)
-    fraction = (x - grid[i]) / (grid[i + 1] - grid[i])
-    return column[i] + fraction * (column[i + 1] - column[i])
+    return i, (x - grid[i]) / (grid[i + 1] - grid[i])
+
+
+@kernel
+def between(column: F8, row: int, share: float) -> float:
+    """Value of a column at a place; a share of 0 does not touch the next row, NaN is passed on."""
+    if share == 0.0:
+        return column[row]
+    if math.isnan(share):
+        return share
+    return column[row] + share * (column[row + 1] - column[row])

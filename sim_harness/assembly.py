@@ -203,8 +203,8 @@ def read_csv(path: Path) -> dict[str, Any]:
     return columns
 
 
-def truth_record(mission: "Mission", seed: int) -> np.ndarray:
-    """The TRUTH record at entry, shape (1,), with the derived fields filled."""
+def truth_record(mission: "Mission", world: np.ndarray) -> np.ndarray:
+    """The TRUTH record at entry into a world, shape (1,), with the derived fields filled."""
     entry = mission.entry
     velocity = Velocity(
         entry.speed_mps,
@@ -226,5 +226,5 @@ def truth_record(mission: "Mission", seed: int) -> np.ndarray:
     truth["heading_rad"] = velocity.heading_rad
     truth["bank_rad"] = math.radians(entry.bank_deg)
     truth["alpha_rad"] = math.radians(entry.angle_of_attack_deg)
-    vehicle.start(mission.world(seed)[0], truth[0])
+    vehicle.start(world[0], truth[0])
     return truth

@@ -47,6 +47,7 @@ RING_S = 2.0  # of a flight against the clock that its logs hold, undrained
 RING_CYCLES_MAX = 65536
 DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
 DRAIN_FLIGHT_S = 0.5  # of flight, at any pace
+TIMED_EVERY = 8  # minor frames in memory: the clock takes a thirtieth of each that it is read for
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
 OTHER_OUTCOMES = {
     BUS_LOST: "bus lost",
@@ -199,7 +200,10 @@ class FlightRun:
         first, last = int(harness["taken"][log]), int(harness[limit][log])
         if not len(ring) or first >= last:
             return ring[:0]
-        rows = ring[np.arange(first, last) % len(ring)]
+        at = first % len(ring)
+        rows = ring[at : at + last - first].copy()
+        if len(rows) < last - first:  # beyond the end of the ring
+            rows = np.concatenate([rows, ring[: last - first - len(rows)]])
         harness["taken"][log] = last
         return rows
 
@@ -270,9 +274,10 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     """The harness's records at entry, shape (1,)."""
     mission = plan.mission
     harness = np.zeros(1, HARNESS)
-    harness["world"] = mission.world(plan.seed)
+    world = mission.world(plan.seed)
+    harness["world"] = world
     harness["codec"] = load["codec"]
-    harness["truth"] = mission.truth(plan.seed)
+    harness["truth"] = mission.truth(plan.seed, world)
     harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]
     harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))
@@ -295,10 +300,11 @@ def hand_over(loads: Frames, states: Frames, rx: Frames, n_rx: int, tx: Frames) 
     return minor_frame(loads[0], states[0], rx, n_rx, tx)
 
 
-def memory_loop(run: FlightRun, timed: bool) -> tuple[Callable[[int], int], Frames, Frames]:
+def memory_loop(run: FlightRun, timed_every: int) -> tuple[Callable[[int], int], Frames, Frames]:
     """What flies up to so many cycles, the computer's state, and the histogram of its steps."""
     state = new_state(run.image.law)
-    step_time = np.zeros(int(timed), HISTOGRAM)
+    step_time = np.zeros(1, HISTOGRAM)
+    run.harness["timed_every"] = timed_every
 
     def chunk(cycles: int) -> int:
         return int(
@@ -308,11 +314,14 @@ def memory_loop(run: FlightRun, timed: bool) -> tuple[Callable[[int], int], Fram
     return chunk, state, step_time
 
 
-def fly_memory(run: FlightRun, timed: bool = True) -> None:
-    """Fly with the minor frame called in the same compiled loop as the world."""
+def fly_memory(run: FlightRun, timed_every: int = TIMED_EVERY) -> None:
+    """Fly with the minor frame called in the same compiled loop as the world.
+
+    One of so many steps of the computer is timed; 0: none.
+    """
     start_s = time.perf_counter()
     run.waiting("compiling the flight loop for this processor, once")
-    chunk, state, step_time = memory_loop(run, timed)
+    chunk, state, step_time = memory_loop(run, timed_every)
     chunk(0)
     armed = run.request(ARM)
     hand_over(run.load, state, armed, len(armed), run.tx)
@@ -326,7 +335,7 @@ def fly_memory(run: FlightRun, timed: bool = True) -> None:
         "verdicts": verdicts(state["rx"]["counted"][0]),
         "incomplete_sets": int(state["incomplete_sets"][0]),
     }
-    if timed:
+    if timed_every > 0:
         run.computer["step_time_us"] = percentiles_us(step_time[0])
         run.computer["step_time_bins_us"] = filled_bins_us(step_time[0])
 

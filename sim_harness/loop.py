@@ -43,6 +43,7 @@ HARNESS = np.dtype(
         ("port", PORT),
         ("metrics", METRICS),
         ("truth_divider", "i8"),  # minor frames per truth row in the log
+        ("timed_every", "i8"),  # minor frames from one timed step to the next; 0: none is timed
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
         ("published", "i8", (N_LOGS,)),  # rows of whole cycles, for a reader beside the loop
         ("taken", "i8", (N_LOGS,)),  # rows ever taken out of it
@@ -217,16 +218,17 @@ def fly_in_memory(
 ) -> int:
     """Fly up to `cycles` minor frames with the computer's minor frame called directly.
 
-    An empty `step_times` is not filled.
+    One step in `timed_every` goes into `step_times`.
     """
     harness = harnesses[0]
     load = loads[0]
     state = states[0]
-    timed = len(step_times) > 0
+    every = harness["timed_every"]
     for _ in range(cycles):
         if not has_room(harness, logs):
             return FLYING
         n_rx = open_cycle(harness, logs, rx)
+        timed = every > 0 and harness["truth"]["minor_frames"] % every == 0
         start_ns = monotonic_ns() if timed else 0
         n_tx = minor_frame(load, state, rx, n_rx, tx)
         if timed:

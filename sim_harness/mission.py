@@ -124,11 +124,14 @@ class Mission(Section):
 
         return world_record(self, seed)
 
-    def truth(self, seed: int = 0) -> np.ndarray:
-        """The TRUTH record at entry, shape (1,), derived fields filled."""
+    def truth(self, seed: int = 0, world: np.ndarray | None = None) -> np.ndarray:
+        """The TRUTH record at entry, shape (1,), derived fields filled.
+
+        `world` is that of the seed, where it has been made before.
+        """
         from sim_harness.assembly import truth_record
 
-        return truth_record(self, seed)
+        return truth_record(self, self.world(seed) if world is None else world)
 
 
 class Shipped(NamedTuple):

@@ -100,7 +100,7 @@ def memory_latency(seconds: float, folder: Path, pace: float) -> Latency:
     flown_s = seconds * pace
     prepared = prepare(MISSION, None, [*TRACKING, f"end.time_max_s={flown_s}"], None)
     run = FlightRun(_plan(prepared, folder, "memory", 0.0), [])
-    fly_memory(run)
+    fly_memory(run, timed_every=1)
     frames = int(run.harness["truth"]["minor_frames"][0])
     return Latency("memory", "idle", frames, 0, 0.0, run.computer["step_time_us"])
 

@@ -39,8 +39,8 @@ CODEC = np.dtype(
         ("sender", "u4", (N_MESSAGES,)),  # number in icd.NODES
         ("period_cycles", "i8", (N_MESSAGES,)),  # minor frames from one to the next, at least 1
         ("dlc", "u1", (N_MESSAGES,)),
-        ("first_value", "i4", (N_MESSAGES,)),  # of a message, in the flat vector of values
-        ("n_signals", "i4", (N_MESSAGES,)),
+        ("first_value", "u4", (N_MESSAGES,)),  # of a message, in the flat vector of values
+        ("n_signals", "u4", (N_MESSAGES,)),  # unsigned: no index from the end to be told apart
         ("spare", "u8", (N_MESSAGES,)),  # bits of a word that belong to nothing
         ("shift", "u8", (N_VALUES,)),
         ("mask", "u8", (N_VALUES,)),  # of the raw value, after the shift

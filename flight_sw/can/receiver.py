@@ -160,8 +160,7 @@ def receiver_tick(rx_state: Record) -> None:
     """Age all messages by one cycle."""
     age = rx_state["age_cycles"]
     for slot in range(N_MESSAGES):
-        if age[slot] < AGE_MAX_CYCLES:
-            age[slot] += 1
+        age[slot] = min(age[slot] + 1, AGE_MAX_CYCLES)  # no branch: several slots at a time
 
 
 @kernel

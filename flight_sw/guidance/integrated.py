@@ -23,6 +23,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     code = sag.prepare(load, state, nav)
     nominal.report(inner, out)
     if inner["phase"] >= nominal.HEAT_FLUX:
+        gains = lqy.gains(design["inner_loop"], load["onboard"], nav)
         state["correction_rad"] = lqy.correction(
             design["nominal"],
             design["inner_loop"],
@@ -30,8 +31,9 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
             state,
             nav,
             state["heat_flux_wpm2"],
+            gains,
         )
-        state["adaptive_rad"] = sag.adaptive_bank(load, state, nav)
+        state["adaptive_rad"] = sag.adaptive_bank(load, state, gains)
     sag.command(state, out)
     telemetry = out["telemetry"]
     telemetry[BANK_CORRECTION] = state["correction_rad"]

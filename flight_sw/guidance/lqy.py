@@ -13,7 +13,7 @@ from flight_sw.fields import Field, RecordSpec
 from flight_sw.guidance import nominal
 from flight_sw.jit import kernel
 from flight_sw.onboard import specific_energy
-from flight_sw.tables import interp
+from flight_sw.tables import between, place
 from flight_sw.types_ import Record
 
 GAIN_ROWS = 32
@@ -21,6 +21,8 @@ GAIN_ROWS = 32
 TELEMETRY = (*nominal.TELEMETRY, "bank_correction_rad", "heat_flux_error_wpm2")
 BANK_CORRECTION, HEAT_FLUX_ERROR = len(nominal.TELEMETRY), len(nominal.TELEMETRY) + 1
 PHASES = nominal.PHASES
+
+Gains = tuple[float, float]
 
 INNER_LOOP = RecordSpec(
     "inner_loop",
@@ -82,23 +84,30 @@ def heat_flux_error(
 
 
 @kernel
-def gains(loop: Record, onboard: Record, nav: Record) -> tuple[float, float]:
+def gains(loop: Record, onboard: Record, nav: Record) -> Gains:
     """Bank per heat-flux error and per load-factor error at the present energy."""
     energy_jpkg = specific_energy(onboard["planet"], nav["alt_m"], nav["v_rel_mps"])
     n_rows = int(loop["n_rows"])
     grid = loop["energy_jpkg"]
-    k_heat_flux = interp(energy_jpkg, grid, loop["k_heat_flux_radm2pw"], n_rows)
-    k_load = interp(energy_jpkg, grid, loop["k_load_radpg"], n_rows)
+    row, share = place(energy_jpkg, grid, n_rows)
+    k_heat_flux = between(loop["k_heat_flux_radm2pw"], row, share)
+    k_load = between(loop["k_load_radpg"], row, share)
     return k_heat_flux, k_load
 
 
 @kernel
 def correction(
-    design: Record, loop: Record, onboard: Record, state: Record, nav: Record, q_wpm2: float
+    design: Record,
+    loop: Record,
+    onboard: Record,
+    state: Record,
+    nav: Record,
+    q_wpm2: float,
+    present_gains: Gains,
 ) -> float:
     """Bank increment of the inner loop: the larger of the two parallel trackers."""
     inner = state["nominal"]
-    k_heat_flux, k_load = gains(loop, onboard, nav)
+    k_heat_flux, k_load = present_gains
     error_wpm2 = heat_flux_error(design, loop, onboard, inner, nav, q_wpm2)
     state["heat_flux_error_wpm2"] = error_wpm2
     for_heat_flux_rad = -k_heat_flux * error_wpm2
@@ -126,8 +135,9 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     )
     nominal.report(inner, out)
     if inner["phase"] >= nominal.HEAT_FLUX:
+        loop = design["inner_loop"]
         state["correction_rad"] = correction(
-            design["nominal"], design["inner_loop"], onboard, state, nav, q_wpm2
+            design["nominal"], loop, onboard, state, nav, q_wpm2, gains(loop, onboard, nav)
         )
         out["bank_cmd_rad"] = min(max(inner["bank_rad"] + state["correction_rad"], 0.0), math.pi)
     telemetry = out["telemetry"]

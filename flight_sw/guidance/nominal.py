@@ -23,6 +23,8 @@ from flight_sw.types_ import Record
 PRE_PEAK, POST_PEAK, HEAT_FLUX, TRANSITION = 0, 1, 2, 3
 PHASES = ("pre-peak", "post-peak", "heat-flux", "transition")
 
+Flow = tuple[float, float]  # rho V^n to hold now, and as it is
+
 N_LOAD = 2.0  # rho V^2 is constant on a load limit
 FALLING_SAMPLES = 2  # in a row, make a peak
 LIFT_MIN_MPS2 = 1e-6  # no bank command is formed below this lift
@@ -148,8 +150,8 @@ def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -
 
 
 @kernel
-def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_s: float) -> float:
-    """Exponent of the phase (into `state`) and the constant to hold now.  [MOOIJ18] Eqs. 18-22"""
+def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_s: float) -> Flow:
+    """Exponent of the phase, into `state`; the constant and the flow.  [MOOIJ18] Eqs. 18-22"""
     n_heat_flux = design["heat_flux_exponent"]
     load_max = design["load_factor_max_g"]
     load_start = design["transition_start_ratio"] * load_max
@@ -158,7 +160,7 @@ def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_
         state["transition_time_s"] = 0.0
     if state["phase"] != TRANSITION:
         state["flow_exponent"] = n_heat_flux
-        return state["tracking_constant"]
+        return state["tracking_constant"], rho_kgpm3 * math.pow(v_mps, n_heat_flux)
     share = smooth_step((state["load_factor_g"] - load_start) / (load_max - load_start))
     state["flow_exponent"] = n_heat_flux - (n_heat_flux - N_LOAD) * share
     present = rho_kgpm3 * math.pow(v_mps, state["flow_exponent"])
@@ -170,7 +172,7 @@ def _schedule(design: Record, state: Record, rho_kgpm3: float, v_mps: float, dt_
     # is 10^12 times that of n = 2, and in the difference as printed the present one is lost.
     left = smooth_step(1.0 - state["transition_time_s"] / design["transition_duration_s"])
     state["transition_time_s"] += dt_s
-    return left * state["tracking_constant"] + (1.0 - left) * present
+    return left * state["tracking_constant"] + (1.0 - left) * present, present
 
 
 @kernel
@@ -205,13 +207,12 @@ def _gamma_correction(
 
 @kernel
 def _flow_correction(
-    design: Record, state: Record, nav: Record, constant: float, v_rate_mps2: float
+    design: Record, state: Record, nav: Record, constant: float, present: float, v_rate_mps2: float
 ) -> float:
     """PD on rho V^n, in bank.  [MOOIJ18] Eq. 23, its rate taken at frozen n"""
     n = state["flow_exponent"]
     v_mps = nav["v_rel_mps"]
     sin_gamma = math.sin(nav["flight_path_angle_rad"])
-    present = state["forces"]["rho_kgpm3"] * math.pow(v_mps, n)
     ratio = present / constant
     state["constant_ratio"] = ratio
     rate_ps = ratio * (-v_mps * sin_gamma / design["scale_height_m"] + n * v_rate_mps2 / v_mps)
@@ -225,9 +226,10 @@ def _flow_correction(
 
 @kernel
 def _tracking_bank(
-    design: Record, onboard: Record, state: Record, nav: Record, constant: float, dt_s: float
+    design: Record, onboard: Record, state: Record, nav: Record, flow: Flow, dt_s: float
 ) -> tuple[float, int]:
     """Bank that follows the path law, with the PD of [MOOIJ18] Eq. 23, and a status."""
+    constant, present = flow
     forces = state["forces"]
     planet = onboard["planet"]
     n = state["flow_exponent"]
@@ -273,7 +275,7 @@ def _tracking_bank(
         code = status.SATURATED
     bank_rad = math.acos(min(max(cos_bank, -1.0), 1.0))
     state["path_bank_rad"] = bank_rad
-    bank_rad += _flow_correction(design, state, nav, constant, v_rate_mps2)
+    bank_rad += _flow_correction(design, state, nav, constant, present, v_rate_mps2)
     return min(max(bank_rad, 0.0), math.pi), code
 
 
@@ -357,8 +359,8 @@ def advance(
         state["flow_exponent"] = design["heat_flux_exponent"]
         state["bank_rad"] = design["bank_before_tracking_rad"]
         return status.OK
-    constant = _schedule(design, state, rho_kgpm3, v_mps, dt_s)
-    bank_rad, code = _tracking_bank(design, onboard, state, nav, constant, dt_s)
+    flow = _schedule(design, state, rho_kgpm3, v_mps, dt_s)
+    bank_rad, code = _tracking_bank(design, onboard, state, nav, flow, dt_s)
     state["bank_rad"] = bank_rad
     return code
 

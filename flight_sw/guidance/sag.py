@@ -171,7 +171,7 @@ def prepare(load: Record, state: Record, nav: Record) -> int:
 
 
 @kernel
-def adaptive_bank(load: Record, state: Record, nav: Record) -> float:
+def adaptive_bank(load: Record, state: Record, gains: lqy.Gains) -> float:
     """Bank increment of the outer loop: the larger of its two parallel trackers."""
     design = load["law"]
     chosen = design["nominal"]
@@ -179,7 +179,7 @@ def adaptive_bank(load: Record, state: Record, nav: Record) -> float:
     tracking = design["tracking"]
     inner = state["nominal"]
     dt_s = load["guidance_dt_s"]
-    k_heat_flux, k_load = lqy.gains(loop, load["onboard"], nav)
+    k_heat_flux, k_load = gains
     error_wpm2 = state["heat_flux_wpm2"] - chosen["heat_flux_max_wpm2"]
     weight = 0.0
     if inner["released"] == 0 or loop["guard_ratio"] == 0.0:
@@ -224,6 +224,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     code = prepare(load, state, nav)
     nominal.report(inner, out)
     if inner["phase"] >= nominal.HEAT_FLUX:
-        state["adaptive_rad"] = adaptive_bank(load, state, nav)
+        gains = lqy.gains(load["law"]["inner_loop"], load["onboard"], nav)
+        state["adaptive_rad"] = adaptive_bank(load, state, gains)
     command(state, out)
     return code

@@ -184,7 +184,7 @@ class Flyer:
     def compiled(self) -> None:
         """Compile the flight loop, so that the first flight takes no longer than the others."""
         run = self._aloft(Run(0, {}, 0, {}), [])
-        memory_loop(run, timed=False)[0](0)
+        memory_loop(run, timed_every=0)[0](0)
 
     @cached_property
     def speed_mps(self) -> F8:
@@ -208,5 +208,5 @@ class Flyer:
 
     def _flown(self, run: Run, profiler: Profiler) -> FlightRun:
         flight = self._aloft(run, [profiler])
-        fly_memory(flight, timed=False)
+        fly_memory(flight, timed_every=0)
         return flight

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from flight_sw.errors import FlightError
 from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
+from sim_harness.world.records import TRUTH
 
 F4 = npt.NDArray[np.float32]
 F8 = npt.NDArray[np.float64]
@@ -92,7 +93,8 @@ class Profiler:
 
     def profile(self, run: FlightRun, speed_mps: F8) -> bytes:
         """The flight's profile, its last state included."""
-        return at_speeds(np.concatenate([*self._rows, run.harness["truth"]]), speed_mps).tobytes()
+        kept = b"".join(rows.tobytes() for rows in (*self._rows, run.harness["truth"]))
+        return at_speeds(np.frombuffer(kept, TRUTH), speed_mps).tobytes()
 
 
 class Spool:
