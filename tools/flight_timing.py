@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from flight_sw.errors import AeroshellError
 from sim_harness.summary import TIMING_KEY
 from sim_harness.telemetry.reader import open_recording
+from sim_harness.telemetry.records import RECORDING_NAME
 
 SUMMARY_NAME = "summary.json"
-RECORDING_NAME = "flight.mcap"
 COUNTS = ("pace", "pace_reached", "pace_held", "slips", "ticks", "late_commands")
 FLOWN = ("bus", "synchronisation", "minor_frames", "period_s")
 

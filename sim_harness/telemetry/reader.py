@@ -18,7 +18,7 @@ from sim_harness.journal import Kept, read_journal
 from sim_harness.telemetry import unpack
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.events import Events
-from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
+from sim_harness.telemetry.records import BUS_LOG, RECORDING_NAME, LogLevel, LogLine
 from sim_harness.telemetry.schema import flat_fields, log_schema, message_class, record_dtype
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
 from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
@@ -45,6 +45,8 @@ RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recor
 def open_recording(path: Path | str) -> "Recording":
     """Read a recording; a file that is none, is foreign or damaged is refused in one sentence."""
     path = Path(path)
+    if path.is_dir():
+        path = path / RECORDING_NAME
     try:
         content = path.read_bytes()
     except OSError as error:

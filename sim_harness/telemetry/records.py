@@ -7,6 +7,8 @@ import numpy as np
 
 from flight_sw.dictionary import FRAME
 
+RECORDING_NAME = "flight.mcap"  # in the folder of a flight
+
 BUS_LOG = np.dtype([("t_s", "f8"), ("frame", FRAME)])
 """One CAN frame in bus order; the frames of one minor frame share its mission time."""
 

@@ -86,6 +86,14 @@ def test_text_has_manifest_modes_events_and_extremes(flight: Path) -> None:
     assert run(str(flight)).stdout == TEXT.replace("SIZE", size)
 
 
+def test_a_folder_stands_for_the_recording_in_it(flight: Path, tmp_path: Path) -> None:
+    assert run(".").stdout == run(str(flight)).stdout
+    (tmp_path / "empty").mkdir()
+    refused = run("empty")
+    assert isinstance(refused.exception, RecordingError)
+    assert str(refused.exception) == "empty/flight.mcap: cannot be read, No such file or directory"
+
+
 def test_json_is_one_object_with_the_same_facts(flight: Path) -> None:
     found = json.loads(run(str(flight), "--json").stdout)
     assert found["is_complete"] and found["is_of_this_dbc"]

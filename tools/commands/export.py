@@ -8,7 +8,7 @@ import typer
 
 
 def export(
-    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
+    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap, or its folder")],
     form: Annotated[str, typer.Option("--format", help="parquet or csv")] = "parquet",
     out: Annotated[Path | None, typer.Option(help="folder [default: beside the recording]")] = None,
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,

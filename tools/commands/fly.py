@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 SEED_MAX = 2**63 - 1
 SUMMARY_NAME = "summary.json"
-RECORDING_NAME = "flight.mcap"
 
 ExternalComputer = Annotated[
     bool,
@@ -50,6 +49,7 @@ class Folder:
 
     def __init__(self, out: Path | None, mission: str, law: str, force: bool) -> None:
         from flight_sw.errors import FlightError
+        from sim_harness.telemetry.records import RECORDING_NAME
 
         if out is None:
             names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
@@ -167,6 +167,7 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     from sim_harness.bus_flight import fly_bus
     from sim_harness.flight import fly_memory
     from sim_harness.telemetry.reader import RECORDING_KEY
+    from sim_harness.telemetry.records import RECORDING_NAME
     from tools.recording import FlightRecorder
 
     with ExitStack() as resources:

@@ -21,7 +21,7 @@ TIMING_KEY = "timing"  # told by `aeroshell timing`
 
 
 def info(
-    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
+    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap, or its folder")],
     as_json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
 ) -> None:
     """Tell what a recording holds: manifest, modes, events, extremes, and whether it is whole."""

@@ -17,7 +17,7 @@ DIFFERS = 1
 
 
 def replay(
-    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap")],
+    flight: Annotated[Path, typer.Argument(help="a recording: flight.mcap, or its folder")],
     load: Annotated[
         Path | None,
         typer.Option(help="another load: what it would have commanded, open loop"),

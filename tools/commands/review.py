@@ -11,8 +11,6 @@ import typer
 if TYPE_CHECKING:
     from tools.review.source import FlightData
 
-RECORDING_NAME = "flight.mcap"
-
 
 def review(
     flights: Annotated[
@@ -45,7 +43,7 @@ def review(
     _check_outputs(save, screenshot, force)
     with Doing() as doing:
         doing("reading the recordings")
-        found = open_flights([_recording_of(path) for path in flights])
+        found = open_flights(flights)
         _tell_gaps(found)
         shape = plan(found)
         with tempfile.TemporaryDirectory(prefix="aeroshell-") as folder:
@@ -108,11 +106,6 @@ def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> N
             raise RecordingError(f"{option} {out}: exists already, --force replaces it")
         if not out.parent.is_dir():
             raise RecordingError(f"{option} {out}: there is no folder {out.parent}")
-
-
-def _recording_of(path: Path) -> Path:
-    """The recording that is meant: a folder stands for the one in it."""
-    return path / RECORDING_NAME if path.is_dir() else path
 
 
 def _tell_gaps(flights: "list[FlightData]") -> None:
