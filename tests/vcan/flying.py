@@ -5,7 +5,7 @@ A piece starts near Hyperion-1's heat-flux peak, so that the law is at work from
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -71,6 +71,7 @@ def fly(
     trigger: Trigger | None = None,
     *,
     own_computer: bool = True,
+    also: Sequence[Trigger] = (),
 ) -> dict[str, Any]:
     """Fly the piece; the summary, with `failure` for a flight that ended early."""
     prepared = piece(time_max_s)
@@ -84,7 +85,7 @@ def fly(
         pace=pace,
         own_computer=own_computer,
     )
-    run = FlightRun(plan, [trigger] if trigger else [])
+    run = FlightRun(plan, [*([trigger] if trigger else []), *also])
     failure = ""
     if bus == "memory":
         fly_memory(run)

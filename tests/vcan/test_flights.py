@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import psutil
 import pytest
 
 from flight_sw import icd
@@ -15,6 +16,7 @@ from tests.vcan.flying import (
     end,
     fly,
     frames_through,
+    running,
     set_interface,
     start,
 )
@@ -25,6 +27,9 @@ FLOOD_S = 10.0
 LONG_FLOOD_S = 600.0
 REALTIME_S = 60.0
 FLOWN_RATIO = 4.0  # seconds of flight in a second of flood
+LONG_PIECE_S = 300.0
+LOOK_S = 60.0
+GROWTH_MAX_MB = 20.0  # of memory in ten minutes
 MANY_FRAMES = 20_000
 FALSE_EACH = 1000  # frames of each identifier
 FALSE_GAP_MS = 5
@@ -103,9 +108,64 @@ def test_a_flood_of_foreign_identifiers_changes_no_command() -> None:
     check_flooded(FLOOD_S)
 
 
+def memory_mb(*processes: psutil.Process) -> float:
+    """Resident memory of processes."""
+    return float(sum(process.memory_info().rss for process in processes)) / 1e6
+
+
 @pytest.mark.slow
 def test_ten_minutes_of_foreign_identifiers_change_no_command() -> None:
-    check_flooded(LONG_FLOOD_S)
+    """One flight after the other while the flood goes on."""
+    wanted = sha256_in_memory(LONG_PIECE_S)
+    flights, dropped, taken = 0, 0, [0.0]
+    began, start_s = frames_through(), time.monotonic()
+    floods = (("cangen", INTERFACE, "-g", "0", "-i", *kind) for kind in (("-I", "123"), ("-e",)))
+    with running(*floods):
+        while time.monotonic() - start_s < LONG_FLOOD_S:
+            summary = fly(time_max_s=LONG_PIECE_S)
+            assert summary["failure"] == ""
+            assert summary["command_sha256"] == wanted
+            dropped += summary["frames_dropped"]  # while a computer starts, nobody reads
+            flights += 1
+            taken.append(memory_mb(psutil.Process()))
+    carried, elapsed_s = frames_through() - began, time.monotonic() - start_s
+    print(
+        f"{flights} flights in {elapsed_s:.0f} s with {carried} frames on the bus "
+        f"({carried / elapsed_s:.0f} Hz), {dropped} dropped by full sockets; "
+        f"resident memory {taken[1]:.0f} to {taken[-1]:.0f} MB"
+    )
+    assert taken[-1] - taken[1] < GROWTH_MAX_MB
+
+
+@pytest.mark.slow
+def test_ten_minutes_of_random_data_under_our_identifiers_are_lived_through() -> None:
+    """In real time: the flood is all that the box's one processor has left."""
+    memory: list[float] = []
+
+    def look(at_s: float) -> Trigger:
+        return Trigger(lambda: memory.append(memory_mb(*psutil.Process().children())), at_s)
+
+    false_ids = [m.can_id for m in icd.LAYOUT if m.name.startswith(("NAV_", "FSW_COMMAND"))]
+    began = frames_through()
+    floods = [("cangen", INTERFACE, "-g", "0", "-i", "-L", "8", "-I", f"{i:X}") for i in false_ids]
+    with running(*floods):
+        triggers = [look(LOOK_S), look(LONG_FLOOD_S - LOOK_S)]
+        summary = fly(time_max_s=LONG_FLOOD_S, pace=1.0, trigger=triggers[0], also=triggers[1:])
+    own = summary["frames_sent"] + summary["computer"]["frames_sent"]
+    false = frames_through() - began - own
+    by_computer = summary["rejected_by_flight_computer"]
+    print(
+        f"{false} false frames in {LONG_FLOOD_S:.0f} s: flight computer rejected {by_computer}, "
+        f"harness {summary['rejected_by_harness']}; cycles without a whole set "
+        f"{summary['incomplete_sets']}, without a fix {summary['without_fix_s']:.2f} s, slips "
+        f"{summary['slips']}, late commands {summary['late_commands']}, ticks {summary['ticks']}, "
+        f"dropped {summary['frames_dropped']}; the processes beside take {memory} MB"
+    )
+    assert summary["failure"] == ""
+    assert summary["flight_time_s"] == pytest.approx(LONG_FLOOD_S)
+    assert false > MANY_FRAMES
+    assert sum(by_computer.values()) > MANY_FRAMES
+    assert memory[-1] - memory[0] < GROWTH_MAX_MB
 
 
 def test_false_frames_under_our_identifiers_are_rejected_and_counted() -> None:
