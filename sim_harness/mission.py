@@ -284,5 +284,5 @@ def _is_shared(name: str, before: Any, after: type[Section]) -> bool:
     """Whether two sections mean the same by a key."""
     if name == TAG:
         return True
-    fields = [getattr(section, "model_fields", {}).get(name) for section in (before, after)]
-    return None not in fields and fields[0].annotation == fields[1].annotation
+    known, wanted = (getattr(section, "model_fields", {}).get(name) for section in (before, after))
+    return known is not None and wanted is not None and known.annotation == wanted.annotation
