@@ -169,7 +169,7 @@ def newer(path: Path) -> None:
     ("make", "wanted"),
     [
         (lambda path: None, "cannot be read, No such file or directory"),
-        (lambda path: path.mkdir(), "cannot be read, Is a directory"),
+        (lambda path: path.mkdir(), "cannot be read, No such file"),
         (lambda path: path.touch(), "not an MCAP file"),
         (lambda path: path.write_text("t_s,alt_m\n"), "not an MCAP file"),
         (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), "it has no profile"),
