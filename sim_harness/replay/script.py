@@ -1,6 +1,7 @@
 """What of a recording the flight computer heard, and what it answered."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,57 +13,131 @@ from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
 from flight_sw.load_image import LoadImage, parse_image
 from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT
-from sim_harness.telemetry.decode import NO_SLOT
 from sim_harness.telemetry.reader import Recording
 
 I8 = npt.NDArray[np.int64]
 
 COMPUTER, GROUND = "FSW", "HARNESS"
-BY_EXECUTIVE = ("FSW_BOOT", "FSW_TIMING")  # sent by the process around the minor frame
+TIMING = "FSW_TIMING"
 BOOT, BOOT_STATE, BOOT_LOAD, READY = "FSW_BOOT", "state", "load_crc32", "READY"
 REPORTS = "RX_HEALTH_"
 LOAD_SUFFIX = ".load"
 COMMAND_NAME, STATUS_NAME = "FSW_COMMAND", "FSW_STATUS"
+RECEPTION_NAME = "RX_HEALTH_C"
 
 
-def kinds_of(recording: Recording) -> I8:
-    """HEARD, ANSWER, NEITHER or REPORT for every row of the bus.
+class Heard(NamedTuple):
+    """What of a recording's rows its computer heard, and when its clock closed a cycle."""
 
-    Where a third sender is on the bus, what the computer heard of it before it was ready and in
-    which order is not known: its reports of refused frames may then count otherwise.
+    kinds: I8
+    """HEARD, ANSWER, NEITHER or REPORT, for each row."""
+    ticks: I8
+    """Frames heard before each tick that closed a cycle, ascending."""
+
+
+def heard_by_computer(recording: Recording) -> Heard:
+    """The rows that a computer heard, from where it says that it is ready.
 
     A frame with an identifier of the computer's but a wrong checksum was not sent by it: it heard
     it, like everything else on a hub. Its CAN socket hears the ground's identifiers alone.
     """
+    kinds = kinds_of(recording)
+    kinds[: _ready_at(recording)] = NEITHER
+    return Heard(kinds, np.zeros(0, np.int64))
+
+
+def kinds_of(recording: Recording) -> I8:
+    """HEARD, ANSWER, NEITHER or REPORT for every row, of a computer that heard from the first."""
     rows, slots = recording.bus, recording.slots
     messages = recording.decoder.messages
     can_id = rows["frame"]["can_id"]
     of_computer = np.array([*(m.sender == COMPUTER for m in messages), False])
-    by_executive = np.array([*(m.name in BY_EXECUTIVE for m in messages), False])
+    reports = np.array([*(m.name.startswith(REPORTS) for m in messages), False])
     kinds = np.full(len(rows), HEARD)
     kinds[of_computer[slots]] = ANSWER  # NO_SLOT is -1: the last entry
-    kinds[by_executive[slots]] = NEITHER
+    kinds[reports[slots]] = REPORT
+    kinds[np.isin(slots, [recording.decoder.slot(name) for name in (BOOT, TIMING)])] = HEARD
+    kinds[_by_executive(recording)] = NEITHER
     kinds[(can_id == TICK_ID) | (can_id & ERROR_FLAG != 0)] = NEITHER
-    if recording.manifest.get("bus", "").startswith("socketcan:"):
+    if not hears_all(recording):
         filtered = [m.can_id for m in messages if m.sender == GROUND]
         kinds[(kinds == HEARD) & ~np.isin(can_id, filtered)] = NEITHER
-    kinds[: _ready_at(recording)] = NEITHER
-    if np.any((kinds == HEARD) & (slots == NO_SLOT)) and recording.manifest.get("bus") != "memory":
-        reports = np.array([*(m.name.startswith(REPORTS) for m in messages), False])
-        kinds[(kinds == ANSWER) & reports[slots]] = REPORT
     return kinds
+
+
+def _by_executive(recording: Recording) -> I8:
+    """Rows that the process around the minor frame sent, without those that only look so.
+
+    FSW_BOOT names the load. FSW_TIMING counts on by one, and comes behind a cycle's last answer,
+    not before its time has passed on the clock.
+    """
+    boots = _rows_of(recording, BOOT)
+    crc32 = recording.manifest.get("load_crc32")
+    if crc32:
+        boots = boots[_columns(recording, boots, BOOT)[BOOT_LOAD] == int(crc32, 16)]
+    if not is_paced(recording):
+        return boots
+    own, counter, due_s = [], 0, -np.inf
+    behind = recording.decoder.slot(STATUS_NAME)
+    for row in _rows_of(recording, TIMING).tolist():
+        frame, t_s = recording.bus["frame"][row], float(recording.bus["t_s"][row])
+        if int(frame["data"]) >> 8 & 0xF != counter or recording.slots[row - 1] != behind:
+            continue
+        if t_s >= due_s:
+            own.append(row)
+            counter, due_s = (counter + 1) % icd.COUNTER_VALUES, t_s + _timing_s(recording)
+    return np.concatenate([boots, np.array(own, np.int64)])
+
+
+def _timing_s(recording: Recording) -> float:
+    """Flight time that passes at least between two FSW_TIMING, but for a few minor frames."""
+    pace = recording.manifest.get("pace", "").removesuffix("x")
+    ratio = float(pace) if pace.replace(".", "", 1).isdigit() else 1.0
+    return 0.9 * ratio * icd.layout(TIMING).cycle_ms / 1e3
+
+
+def _rows_of(recording: Recording, message: str) -> I8:
+    if message not in {m.name for m in recording.decoder.messages}:
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(recording.slots == recording.decoder.slot(message))
+
+
+def _columns(recording: Recording, rows: I8, message: str) -> Mapping[str, npt.NDArray[Any]]:
+    slot = recording.decoder.slot(message)
+    return recording.decoder.columns(slot, recording.bus["frame"]["data"][rows])
+
+
+class Reports(NamedTuple):
+    """What the computer told of its hearing, and what only looks so; arrays, a row a report."""
+
+    rows: I8
+    counters: I8
+    heard: I8
+    """Frames heard when the cycle was closed, modulo HEARD_MODULUS."""
+    ticked: npt.NDArray[np.bool_]
+
+
+def reports_of(recording: Recording) -> Reports:
+    """All reports of hearing in a recording, in bus order."""
+    rows = _rows_of(recording, RECEPTION_NAME)
+    columns = _columns(recording, rows, RECEPTION_NAME)
+    counters = (recording.bus["frame"]["data"][rows].astype(np.int64) >> 8) & 0xF
+    return Reports(rows, counters, columns["heard"].astype(np.int64), columns["ticked"] != 0)
+
+
+def hears_all(recording: Recording) -> bool:
+    """Whether the computer hears every frame; a CAN socket hears the ground's identifiers alone."""
+    return not recording.manifest.get("bus", "").startswith("socketcan:")
 
 
 def _ready_at(recording: Recording) -> int:
     """The row in which the computer first says that it listens; 0 for one that never boots."""
-    names = [message.name for message in recording.decoder.messages]
-    if BOOT not in names:
-        return 0
-    places = np.flatnonzero(recording.slots == recording.decoder.slot(BOOT))
-    _, columns = recording.message(BOOT)
-    ready = [value for value, name in recording.value_names(BOOT)[BOOT_STATE].items()
-             if name == READY]  # fmt: skip
-    says_so = np.isin(columns[BOOT_STATE], ready)
+    places = _rows_of(recording, BOOT)
+    columns = _columns(recording, places, BOOT)
+    names = recording.value_names(BOOT)[BOOT_STATE] if len(places) else {}
+    says_so = np.isin(
+        columns[BOOT_STATE], [value for value, name in names.items() if name == READY]
+    )
     if crc32 := recording.manifest.get("load_crc32"):
         says_so &= columns[BOOT_LOAD] == int(crc32, 16)  # a false frame names another load
     found = places[says_so]
