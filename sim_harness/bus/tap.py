@@ -7,7 +7,7 @@ from flight_sw.types_ import Frames, Record
 from sim_harness.fence import memory_fence
 from sim_harness.jit import kernel
 
-RING_FRAMES = 1 << 15  # four seconds of a full bus
+RING_FRAMES = 1 << 18  # half a minute of a full bus: nobody takes them while the loop compiles
 RING_MASK = RING_FRAMES - 1
 
 TAP = np.dtype(

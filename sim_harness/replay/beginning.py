@@ -15,6 +15,7 @@ from sim_harness.replay.feed import (
     HEARD,
     NEITHER,
     REPORT,
+    TIMED,
     Computers,
     copied,
     feed,
@@ -70,7 +71,7 @@ def _readings(recording: Recording, row: int) -> Iterator[I8]:
     if hears_all(recording):
         commands = recording.slots[:row] == recording.decoder.slot(COMMAND_NAME)
         answer = int(np.flatnonzero(commands)[-1]) if commands.any() else row
-        false = np.isin(kinds, (ANSWER, REPORT)) & (np.arange(len(kinds)) < answer)
+        false = np.isin(kinds, (ANSWER, REPORT, TIMED)) & (np.arange(len(kinds)) < answer)
         yield np.where(false, HEARD, kinds)
 
 

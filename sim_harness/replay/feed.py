@@ -13,15 +13,26 @@ import numpy.typing as npt
 from flight_sw import icd
 from flight_sw.can.e2e import counter_of
 from flight_sw.can.receiver import HEARD_MODULUS, slot_of
-from flight_sw.computer import COMMAND, CYCLE_MODULUS, STATUS, receive, seal_of, step
+from flight_sw.computer import (
+    COMMAND,
+    COUNTER_MODULUS,
+    CYCLE_MODULUS,
+    STATUS,
+    receive,
+    seal_of,
+    step,
+)
 from flight_sw.dictionary import FRAME, TX_CAPACITY
+from flight_sw.executive import COUNT_MAX
 from flight_sw.types_ import Frames, Record
 from sim_harness.jit import kernel
 
 I8 = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.void]
 
-HEARD, ANSWER, NEITHER, REPORT = 0, 1, 2, 3  # kinds of rows
+HEARD, ANSWER, NEITHER, REPORT, TIMED = 0, 1, 2, 3, 4
+"""Kinds of rows: to the computer; of its own; of neither; own, and tells of its hearing; an
+FSW_TIMING, which its executive adds when its clock says so."""
 COUNTER_BITS = np.uint64(0xF00)  # of an answer's data
 OVER, STOPPED, SILENT, CERTAIN = 0, 1, 2, 3  # why a feed ended; an answer that is no other's
 QUEUE_FRAMES = 1 << 14  # answers without a counterpart in the recording: 50 s of a dead computer
@@ -37,6 +48,8 @@ def _place(message: str, signal: str) -> tuple[np.uint64, np.uint64]:
 
 
 HEARD_AT, HEARD_MASK = _place("RX_HEALTH_C", "heard")
+TICKED_AT, TICKED_MASK = _place("RX_HEALTH_C", "ticked")
+TICKS_AT, TICKS_MASK = _place("FSW_TIMING", "ticks")
 CYCLE_AT, CYCLE_MASK = _place("FSW_STATUS", "cycle")
 SEAL_AT, SEAL_MASK = _place("FSW_STATUS", "command_seal")
 REPORT_ROWS = 64  # within which a report's last message follows its first
@@ -47,6 +60,8 @@ FEEDER = np.dtype(
         ("row", "i8"),  # the next to be looked at
         ("heard", "i8"),  # frames fed so far
         ("tick", "i8"),  # ticks given so far
+        ("ticks_told", "i8"),  # by answers found
+        ("timings", "i8"),  # FSW_TIMING found
         ("queued", "i8"),  # answers ever put into the queue
         ("matched", "i8"),  # answers ever found in the recording
         ("command", "u8"),  # word of the last frame that carries a command
@@ -166,10 +181,22 @@ def _match(computers: Computers, script: Script, row: int) -> bool:
     if not _same(frame, given) and not _may_report(computers, script, row, given):
         return False
     feeder["matched"] += 1
+    if frame["can_id"] == computers.load[0]["codec"]["can_id"][RECEPTION]:
+        feeder["ticks_told"] += np.int64((frame["data"] >> TICKED_AT) & TICKED_MASK)
     if frame["can_id"] == computers.load[0]["codec"]["can_id"][STATUS]:
         feeder["cycles_matched"] += 1
         feeder["cycle"] = (frame["data"] >> CYCLE_AT) & CYCLE_MASK
     return True
+
+
+@kernel
+def _is_timing(computers: Computers, frame: Record) -> bool:
+    """Whether an FSW_TIMING is the computer's: next in its sequence, with its count of ticks."""
+    feeder = computers.feeders[0]
+    if np.int64(counter_of(frame["data"])) != feeder["timings"] % COUNTER_MODULUS:
+        return False
+    ticks = np.int64((frame["data"] >> TICKS_AT) & TICKS_MASK)
+    return ticks == min(feeder["ticks_told"], COUNT_MAX)
 
 
 @kernel
@@ -214,10 +241,19 @@ def _hear(computers: Computers, frame: Record) -> bool:
 
 
 @kernel
+def _hear_false(computers: Computers, script: Script, row: int) -> None:
+    """A frame that only poses as the computer's: on a hub it hears it."""
+    computers.feeders[0]["false_frames"] += 1
+    if script.settles:
+        script.kinds[row] = HEARD if script.hears_all else NEITHER
+    if script.hears_all:
+        _hear(computers, script.rows[row]["frame"])
+
+
+@kernel
 def feed(computers: Computers, script: Script, until: int) -> int:
     """Go on to row `until`: OVER, STOPPED or CERTAIN at an answer that differs, or SILENT."""
     feeder = computers.feeders[0]
-    n_ticks = len(script.ticks)
     for row in range(feeder["row"], until):
         feeder["row"] = row
         while (
@@ -232,6 +268,10 @@ def feed(computers: Computers, script: Script, until: int) -> int:
         if kind == HEARD:
             if _hear(computers, script.rows[row]["frame"]):
                 _close(computers, script)
+        elif kind == TIMED and _is_timing(computers, script.rows[row]["frame"]):
+            feeder["timings"] += 1
+        elif kind == TIMED:
+            _hear_false(computers, script, row)
         elif kind != NEITHER:
             frame = script.rows[row]["frame"]
             if frame["can_id"] == computers.load[0]["codec"]["can_id"][COMMAND]:
@@ -241,11 +281,7 @@ def feed(computers: Computers, script: Script, until: int) -> int:
             if _is_certain(computers, frame) or not _is_false(computers, script, frame):
                 feeder["row"] = row
                 return CERTAIN if _is_certain(computers, frame) else STOPPED
-            feeder["false_frames"] += 1
-            if script.settles:
-                script.kinds[row] = HEARD if script.hears_all else NEITHER
-            if script.hears_all:
-                _hear(computers, frame)
+            _hear_false(computers, script, row)
     return OVER
 
 

@@ -179,7 +179,9 @@ class Replayer:
     def _heard_before(self, told: int) -> int:
         """How many frames were fed when the computer had heard as many as it told."""
         before = self._computers.feeders[2]
-        more = (told - int(before["heard_ahead"]) - int(before["heard"])) % HEARD_MODULUS
+        more = (
+            told - int(self._computers.feeders["heard_ahead"][0]) - int(before["heard"])
+        ) % HEARD_MODULUS
         return int(before["heard"]) + more
 
     def _take_as_false(self, row: int) -> bool:

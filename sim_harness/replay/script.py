@@ -12,7 +12,7 @@ from flight_sw.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
 from flight_sw.load_image import LoadImage, parse_image
-from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT
+from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT, TIMED
 from sim_harness.telemetry.reader import Recording
 
 I8 = npt.NDArray[np.int64]
@@ -30,7 +30,7 @@ class Heard(NamedTuple):
     """What of a recording's rows its computer heard, and when its clock closed a cycle."""
 
     kinds: I8
-    """HEARD, ANSWER, NEITHER or REPORT, for each row."""
+    """HEARD, ANSWER, NEITHER, REPORT or TIMED, for each row."""
     ticks: I8
     """Frames heard before each tick that closed a cycle, ascending."""
 
@@ -47,7 +47,7 @@ def heard_by_computer(recording: Recording) -> Heard:
 
 
 def kinds_of(recording: Recording) -> I8:
-    """HEARD, ANSWER, NEITHER or REPORT for every row, of a computer that heard from the first."""
+    """The kind of every row, for a computer that heard from the first."""
     rows, slots = recording.bus, recording.slots
     messages = recording.decoder.messages
     can_id = rows["frame"]["can_id"]
@@ -56,8 +56,9 @@ def kinds_of(recording: Recording) -> I8:
     kinds = np.full(len(rows), HEARD)
     kinds[of_computer[slots]] = ANSWER  # NO_SLOT is -1: the last entry
     kinds[reports[slots]] = REPORT
-    kinds[np.isin(slots, [recording.decoder.slot(name) for name in (BOOT, TIMING)])] = HEARD
-    kinds[_by_executive(recording)] = NEITHER
+    boots = _rows_of(recording, BOOT)
+    kinds[boots] = np.where(_names_load(recording, boots), NEITHER, HEARD)
+    kinds[_rows_of(recording, TIMING)] = TIMED if is_paced(recording) else HEARD
     kinds[(can_id == TICK_ID) | (can_id & ERROR_FLAG != 0)] = NEITHER
     if not hears_all(recording):
         filtered = [m.can_id for m in messages if m.sender == GROUND]
@@ -65,35 +66,11 @@ def kinds_of(recording: Recording) -> I8:
     return kinds
 
 
-def _by_executive(recording: Recording) -> I8:
-    """Rows that the process around the minor frame sent, without those that only look so.
-
-    FSW_BOOT names the load. FSW_TIMING counts on by one, and comes behind a cycle's last answer,
-    not before its time has passed on the clock.
-    """
-    boots = _rows_of(recording, BOOT)
+def _names_load(recording: Recording, boots: I8) -> npt.NDArray[np.bool_]:
+    """Which FSW_BOOT name the load that flew: the others only look like the computer's."""
     crc32 = recording.manifest.get("load_crc32")
-    if crc32:
-        boots = boots[_columns(recording, boots, BOOT)[BOOT_LOAD] == int(crc32, 16)]
-    if not is_paced(recording):
-        return boots
-    own, counter, due_s = [], 0, -np.inf
-    behind = recording.decoder.slot(STATUS_NAME)
-    for row in _rows_of(recording, TIMING).tolist():
-        frame, t_s = recording.bus["frame"][row], float(recording.bus["t_s"][row])
-        if int(frame["data"]) >> 8 & 0xF != counter or recording.slots[row - 1] != behind:
-            continue
-        if t_s >= due_s:
-            own.append(row)
-            counter, due_s = (counter + 1) % icd.COUNTER_VALUES, t_s + _timing_s(recording)
-    return np.concatenate([boots, np.array(own, np.int64)])
-
-
-def _timing_s(recording: Recording) -> float:
-    """Flight time that passes at least between two FSW_TIMING, but for a few minor frames."""
-    pace = recording.manifest.get("pace", "").removesuffix("x")
-    ratio = float(pace) if pace.replace(".", "", 1).isdigit() else 1.0
-    return 0.9 * ratio * icd.layout(TIMING).cycle_ms / 1e3
+    named = _columns(recording, boots, BOOT)[BOOT_LOAD]
+    return named == int(crc32, 16) if crc32 else np.full(len(boots), True)
 
 
 def _rows_of(recording: Recording, message: str) -> I8:
