@@ -3,6 +3,7 @@
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import zlib
 from collections.abc import Iterator
@@ -157,6 +158,19 @@ def round_off(stored: bytes, made: bytes) -> float | None:
     return largest if largest <= ROUND_OFF_MAX else None
 
 
+def _is_close(before: Any, after: Any) -> bool:
+    """Whether two values of a provenance are the same, numbers to round-off."""
+    if isinstance(before, float) and isinstance(after, float):
+        return math.isclose(before, after, rel_tol=ROUND_OFF_MAX, abs_tol=ROUND_OFF_MAX)
+    if isinstance(before, dict) and isinstance(after, dict):
+        return before.keys() == after.keys() and all(
+            _is_close(before[key], after[key]) for key in before
+        )
+    if isinstance(before, list) and isinstance(after, list):
+        return len(before) == len(after) and all(map(_is_close, before, after))
+    return bool(before == after)
+
+
 def differences(folder: Path, made: Made) -> list[str]:
     """How the stored image and provenance differ from those just made, a sentence each.
 
@@ -181,7 +195,11 @@ def differences(folder: Path, made: Made) -> list[str]:
         return [*found, f"{told}: missing or not JSON"]
     ours = json.loads(provenance_text(made.provenance))
     passed_over = {"versions"} | (CRC_KEYS if is_close else set())
-    keys = [k for k in {**before, **ours} if k not in passed_over and before.get(k) != ours.get(k)]
+    keys = [
+        key
+        for key in {**before, **ours}
+        if key not in passed_over and not _is_close(before.get(key), ours.get(key))
+    ]
     if keys:
         found.append(f"{told}: differs in {', '.join(keys)}")
     return found
