@@ -2,6 +2,7 @@
 
 import json
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import pytest
 
 from sim_harness.telemetry.reader import open_recording
 from tests.tools.test_review import Review, run
-from tools.review import live
+from tools.review import live, viewer
 from tools.review.stage import Stage
 
 pytestmark = pytest.mark.jit_only
@@ -82,6 +83,28 @@ def test_a_viewer_that_does_not_read_or_hangs_up_costs_the_flight_nothing(
     assert open_recording(tmp_path / "a" / "flight.mcap").is_complete
     assert "live view: " in told
     assert "the viewer is gone" in told or "the viewer was too slow" in told
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_window_closed_during_the_flight_is_told_once(
+    alone: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = subprocess.Popen(["true"])
+    closed.wait()
+    answers = iter([True])  # then no more
+
+    def is_sent(stage: Stage, within_s: float) -> bool:
+        if (answer := next(answers, None)) is None:
+            raise ConnectionError
+        return answer
+
+    monkeypatch.setattr(viewer, "open_live", lambda: ("nowhere", closed))
+    monkeypatch.setattr(Stage, "connect", lambda stage, _, plan: stage.save(tmp_path / "x", plan))
+    monkeypatch.setattr(Stage, "is_sent", is_sent)
+    status, out, told = run(*FLY, "--out", str(tmp_path / "a"), "--live")
+    assert status == 0
+    assert json.loads(out)["command_sha256"] == alone["command_sha256"]
+    assert told == f"{live.GONE}\n"
 
 
 @pytest.mark.parametrize(

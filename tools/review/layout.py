@@ -133,7 +133,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
         tabs.append(rrb.Vertical(sheet, name=FLIGHTS))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=[t.name for t in tabs].index(tab)),
-        rrb.TopPanel(state="collapsed"),
+        rrb.TopPanel(state="expanded"),  # on Linux the window's own buttons stand in it
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state=play),

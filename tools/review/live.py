@@ -207,6 +207,8 @@ class LiveView:
         )
 
     def _fail(self, sentence: str) -> None:
+        if self.failure:
+            return
         self.failure = sentence
         self._queue.clear()
         self._tell(sentence)
