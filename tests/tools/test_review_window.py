@@ -9,7 +9,7 @@ import pytest
 from rerun.blueprint.components import PanelState
 from rerun.chunk import RrdReader
 
-from tests.tools.test_review import Told, run
+from tests.tools.test_review import Review, Told, run
 from tools.review import viewer
 
 pytestmark = pytest.mark.jit_only
@@ -63,6 +63,37 @@ def layout(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Layout:
 
 def test_the_bar_with_the_buttons_that_close_the_window_is_shown(layout: Layout) -> None:
     assert layout["/top_panel"]["PanelBlueprint:state"] == PanelState.Expanded.value
+
+
+def test_counts_and_loads_of_the_bus_are_drawn_from_zero(layout: Layout) -> None:
+    for origin, high in (("/bus/frames", 483.0), ("/bus/load", 6.5), ("/bus/refused", 0.0)):
+        low, top = layout[origin]["ScalarAxis:range"]
+        assert low == 0.0
+        assert top > high
+
+
+def test_a_line_alone_goes_by_the_title_and_lines_together_by_a_legend(
+    layout: Layout, flight: Path, tmp_path: Path
+) -> None:
+    def legends(found: Layout) -> list[bool]:
+        views = ("/plots/altitude", "/plots/bank", "/plots/heat_flux", "/plots/dynamic_pressure")
+        return [found[view]["PlotLegend:visible"] for view in views]
+
+    assert legends(layout) == [False, True, True, False]  # no limit of dynamic pressure
+    again = tmp_path / "again.mcap"
+    again.write_bytes((flight / "flight.mcap").read_bytes())
+    assert all(legends(laid_out(flight, again, out=tmp_path / "both.rrd")))
+
+
+def test_the_sheet_names_the_limit_that_there_is_and_says_where_there_is_none(
+    flight: Path, tmp_path: Path
+) -> None:
+    assert run("review", str(flight), "--save", str(tmp_path / "x.rrd"))[0] == 0
+    ((text,),) = Review(tmp_path / "x.rrd").content["/sheet"]["TextDocument:text"]  # type: ignore[misc]
+    rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines()]
+    limits = {row[1]: row[4] for row in rows if len(row) > 4}
+    assert limits["peak heat flux"] == "1,700"
+    assert limits["peak dynamic pressure"] == "none"
 
 
 @pytest.fixture

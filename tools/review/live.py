@@ -304,7 +304,7 @@ def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Pan
     fields = tuple(flight.mission.truth().dtype.names or ()) if flight.mission else ()
     panels = [*PANELS, *(TO_GO if target_of(flight) else ())]
     panels += [*telemetry_panels(sent, fields), *bus_panels(sent)]
-    return [(panel, top_of(panel, [flight])) for panel in panels]
+    return [(panel, top_of(panel, [flight]) if panel.limit else np.nan) for panel in panels]
 
 
 def charts_for(flight: LiveFlight) -> tuple[Chart, Chart]:
