@@ -3,6 +3,7 @@
 import json
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -157,6 +158,27 @@ def test_the_live_view_draws_what_was_flown(
     modes = [state for (state,) in review.content["/states/mode"]["StateChange:state"]]  # type: ignore[misc]
     assert modes == ["COAST", "ENTRY"]  # told once each, however many pieces it came in
     assert "/charts/drag/flights/hyperion-1" in review.content
+
+
+@pytest.mark.skipif(
+    not any(Path("/usr/share/vulkan/icd.d").glob("*.json")), reason="no Vulkan driver to draw with"
+)
+def test_a_viewer_that_has_shown_a_flight_has_no_error_to_show(tmp_path: Path) -> None:
+    port = viewer.free_port()
+    with (tmp_path / "told").open("w+b") as log:
+        process = viewer.start(["--headless", "--port", str(port), "--hide-welcome-screen"], log)
+        try:
+            client = viewer._connected(process, port, log)
+            url = viewer.address(port)
+            command = [sys.executable, "-m", "tools.cli", *FLY, "--out", str(tmp_path / "a")]
+            subprocess.run([*command, "--viewer", url], check=True, capture_output=True)
+            time.sleep(1.0)  # an error comes when the flight's process is gone
+            (recording,) = client.get_state().recordings
+            lines = client.get_logs()
+        finally:
+            viewer.end(process)
+    assert "aeroshell" in recording.store_id
+    assert [line.message for line in lines if line.level == "ERROR"] == []
 
 
 class NoPainter:

@@ -258,7 +258,8 @@ class Painter:
             is_sent = stage.is_sent(SENT_WITHIN_S)
         if is_sent:
             self._draw(*EMPTY, is_whole=True)
-            stage.is_sent(LAST_WITHIN_S)
+            if stage.is_sent(LAST_WITHIN_S):
+                stage.stream.disconnect()  # or the viewer shows its user an error
 
     def _draw(self, bus: Rows, truth: Rows, log: list[LogLine], *, is_whole: bool) -> None:
         stage, look = self._stage, self._look
