@@ -18,27 +18,22 @@ from types import TracebackType
 import numpy as np
 
 from flight_sw.can.address import UNIX_PATH_MAX_BYTES
-from flight_sw.can.sockets import BATCH, new_io
-from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.privileges import punctual_processor, take_priority
 from sim_harness.bus.ear import Ear, hub_ear
 from sim_harness.bus.pump import (
     ACCEPT,
-    CLIENTS_MAX,
     CLOSED,
     FREE,
     GONE,
     LISTENER,
     OPEN,
-    QUEUE_FRAMES,
     STOP,
     WAKE,
-    Buffers,
+    new_buffers,
     new_hub,
     pump,
 )
-from sim_harness.bus.tap import RING_FRAMES, TAP
 
 BACKLOG = 16
 SEND_BUFFER_BYTES = 1 << 20  # asked for; the system may grant less
@@ -111,13 +106,7 @@ class Hub:
         self.path = Path(path)
         self.prompt = prompt
         self._hub = new_hub()
-        self._buffers = Buffers(
-            queues=np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME),
-            io=new_io(),
-            frames=np.zeros(BATCH, FRAME),
-            tap=np.zeros(1, TAP),
-            ring=np.zeros(RING_FRAMES if tapped else 0, FRAME),
-        )
+        self._buffers = new_buffers(tapped=tapped)
         self._clients: dict[int, socket.socket] = {}
         self._connections = 0
         self._thread: threading.Thread | None = None

@@ -21,11 +21,13 @@ from flight_sw.can.sockets import (
     EINTR,
     ENOBUFS,
     copy_frame,
+    new_io,
     receive_now,
     send_now,
 )
+from flight_sw.dictionary import FRAME
 from flight_sw.types_ import Frames, Record
-from sim_harness.bus.tap import keep
+from sim_harness.bus.tap import RING_FRAMES, TAP, keep
 from sim_harness.jit import kernel
 
 CLIENTS_MAX = 32
@@ -196,3 +198,14 @@ def new_hub() -> npt.NDArray[np.void]:
     fields: Any = HUB.fields
     hub["pollfd_address"] = hub.ctypes.data + fields["pollfd"][1]
     return hub
+
+
+def new_buffers(*, tapped: bool) -> Buffers:
+    """Empty buffers; a tapped hub keeps what it moves."""
+    return Buffers(
+        queues=np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME),
+        io=new_io(),
+        frames=np.zeros(BATCH, FRAME),
+        tap=np.zeros(1, TAP),
+        ring=np.zeros(RING_FRAMES if tapped else 0, FRAME),
+    )
