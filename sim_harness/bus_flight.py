@@ -3,8 +3,10 @@
 import os
 import socket
 import tempfile
+import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,7 @@ BOOT_STATE = icd.value_index("FSW_BOOT", "state")
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 START_UP_S = 120.0  # before the first: a process of ours that imports on a machine with no time
 LISTEN_S = 0.05
+HEAR_PAUSE_S = 0.02
 REST_S, REST_MAX_S = 0.005, 0.05  # for frames on their way at the end of a flight
 NOT_BOOT = -1
 STOPS_MAX, STOP_AGAIN_S = 10, 0.2
@@ -99,6 +102,7 @@ class BusFlight:
         elif plan.recorded:  # before the socket for the answers, so that it hears them first
             self.ear = socket_ear(self._open(resources, address).fileno())
         run.harness["has_ear"] = int(plan.recorded)
+        run.hear(self.ear)  # compiles what the ear takes, before there is anything to miss
         self.bus = self._open(resources, address)
         self.computer: ComputerProcess | None = None
         if plan.own_computer:
@@ -177,12 +181,12 @@ class BusFlight:
         run = self.run
         start_s = time.perf_counter()
         run.waiting("compiling the flight loop for this processor, once")
-        if run.plan.pace > 0.0:
-            fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
-        else:
-            self.chunk(0)
-        hear_boot(run.harness, np.zeros(1, FRAME), 0)
-        run.hear(self.ear)
+        with self._hearing():
+            if run.plan.pace > 0.0:
+                fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
+            else:
+                self.chunk(0)
+            hear_boot(run.harness, np.zeros(1, FRAME), 0)
         run.harness["port"]["rx"]["counted"] = 0
         run.harness["port"]["frames_received"] = 0
         self.await_computer()
@@ -200,6 +204,23 @@ class BusFlight:
             self._see_it_end(self.computer)
             run.computer = self.computer.report()
         self._hear_the_rest()
+
+    @contextmanager
+    def _hearing(self) -> Iterator[None]:
+        """Have the ear emptied while something else takes long."""
+        over = threading.Event()
+
+        def hear() -> None:
+            while not over.wait(HEAR_PAUSE_S):
+                self.run.hear(self.ear)
+
+        thread = threading.Thread(target=hear, name="ear")
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def _hear_the_rest(self) -> None:
         """Have recorded what is still on its way; a bus that never rests is left after a moment."""

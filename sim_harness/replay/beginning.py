@@ -34,13 +34,14 @@ from sim_harness.telemetry.reader import Recording
 I8 = npt.NDArray[np.int64]
 
 REPORTS_TRIED = 8  # false ones may stand before the first of the computer's own
-BEGINNINGS_TRIED = 4000  # frames, for each of them
+ROWS_FED_MAX = 10_000_000  # in all guesses together: a second of trying
 ROWS_BEHIND = 64  # over which answers must agree behind the report
 
 
 def find_beginning(recording: Recording, computers: Computers, reports: Reports) -> Heard:
     """What the computer heard, as its first report tells; the default where none explains it."""
     default = heard_by_computer(recording)
+    budget = ROWS_FED_MAX
     may_be_first = (reports.counters == 0) & (reports.heard <= reports.rows)
     for i in np.flatnonzero(may_be_first)[:REPORTS_TRIED].tolist():
         row = int(reports.rows[i])
@@ -48,6 +49,9 @@ def find_beginning(recording: Recording, computers: Computers, reports: Reports)
             return default
         for kinds in _readings(recording, row):
             for guess in _beginnings(kinds, row, int(reports.heard[i]), bool(reports.ticked[i])):
+                budget -= int(reports.heard[i]) + ROWS_BEHIND
+                if budget < 0:
+                    return default
                 if _is_explained(recording, computers, guess, row):
                     begun = kinds_of(recording)
                     begun[: len(guess.kinds)] = guess.kinds
@@ -79,7 +83,7 @@ def _beginnings(kinds: I8, row: int, n_heard: int, ticked: bool) -> Iterator[Hea
     """Guesses that have so many frames heard before the report in this row, the latest first."""
     rows = np.flatnonzero(kinds == HEARD)
     latest = int(np.searchsorted(rows, row)) - n_heard
-    for first in range(latest, max(latest - BEGINNINGS_TRIED, -1), -1):
+    for first in range(latest, -1, -1):
         begun = kinds.copy()
         begun[: rows[first] if first < len(rows) else row] = NEITHER
         yield Heard(begun, np.array([n_heard] if ticked else [], np.int64))
