@@ -1,6 +1,7 @@
 """The ear logs every frame of the bus in its order, and counts what it could not."""
 
 import socket
+import time
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,8 @@ def test_an_ear_on_anothers_hub_hears_those_who_do_not_hear_themselves(
         ear_socket = Client(hub.path)
         ear_socket.socket.setblocking(False)
         a, b = Client(hub.path), Client(hub.path)
+        while hub.stats.clients < 3:  # let in, not only connected
+            time.sleep(0.001)
         assert a.send(numbered(3)) == 3
         assert len(b.receive(3)) == 3
         assert b.send(numbered(2)) == 2
