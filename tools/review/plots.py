@@ -1,11 +1,11 @@
 """Fills the stage: lines over time, charts over speed, states, log, and the sheet of facts."""
 
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import numpy as np
 import numpy.typing as npt
 
+from tools.flight_facts import named, phases_of
 from tools.review import columns
 from tools.review.chart import Chart, Look, Scale
 from tools.review.corridor import UPPER, Corridor, corridor, flown_by_speed
@@ -99,16 +99,9 @@ def draw_states(stage: Stage, flight: FlightData, look: Palette) -> None:
         stage.states(path, lane.t_s, lane.names)
 
 
-def named(text: str, phases: Mapping[int, str]) -> str:
-    """An event of the guidance phase with the phases' names, which the bus does not carry."""
-    if not text.startswith("guidance phase "):
-        return text
-    return re.sub(r"\d+", lambda found: phases.get(int(found[0]), found[0]), text)
-
-
 def draw_log(stage: Stage, flight: FlightData) -> None:
     """The log, in order of time."""
-    names = columns.phases_of(flight)
+    names = phases_of(flight.recording.manifest)
     lines = [line._replace(text=named(line.text, names)) for line in flight.recording.log]
     lines = sorted(lines, key=lambda line: line.t_s)
     stage.log(f"log/{part(flight.label)}", lines)
