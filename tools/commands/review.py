@@ -1,5 +1,6 @@
 """`aeroshell review`: recorded flights as an entry engineer looks at them, in Rerun."""
 
+import contextlib
 import sys
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from tools.review.source import FlightData
+    from tools.review.stage import Stage
 
 
 def review(
@@ -52,9 +54,30 @@ def review(
             doing("drawing the review")
             stage.save(drawn, blueprint(shape, tab))
             draw(stage, found, shape)
-            stage.close()
+            _close(stage, drawn)
             moment_s = peak_s(found[0]) if at_s is None else at_s
             _hand_out(drawn, save, screenshot, moment_s, doing)
+
+
+def _close(stage: "Stage", drawn: Path) -> None:
+    """Complete the drawing; Rerun itself says nothing of a disk that was full meanwhile."""
+    import shutil
+    import warnings
+
+    from rerun.chunk import RrdReader
+
+    from flight_sw.errors import RecordingError
+
+    try:
+        stage.close()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # it warns of a file without its end
+            RrdReader(drawn)
+    except (RuntimeError, OSError, Warning) as error:
+        free_mb = shutil.disk_usage(drawn.parent).free / 1e6
+        raise RecordingError(
+            f"{drawn}: was not written whole, {free_mb:,.1f} MB are free in its folder"
+        ) from error
 
 
 def _hand_out(
@@ -89,6 +112,8 @@ def _put(source: Path, out: Path, option: str) -> None:
         shutil.copyfile(source, part)
         part.replace(out)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink()
         raise RecordingError(f"{option} {out}: cannot be written, {error.strerror}") from error
     print(out)
 
