@@ -87,6 +87,29 @@ def test_a_short_flight_has_a_shade_too_and_its_limit_to_its_end(lander: Path) -
     assert review.line("/plots/load_factor/a/limit")[0].tolist() == [0.0, pytest.approx(end_s)]
 
 
+def test_a_flight_through_a_table_of_air_has_its_corridor(tmp_path: Path) -> None:
+    air = ("atmosphere.model=table", "csv=mars-gram-average.csv", "gas_constant_jpkgk=188.92")
+    settings = [word for key in (*air, "time_max_s=50") for word in ("--set", key)]
+    out = str(tmp_path / "a")
+    assert run("fly", "mars-lander", "--bus", "memory", *settings, "--out", out)[0] == 0
+    assert run("review", out, "--save", str(tmp_path / "a.rrd")) == (
+        0,
+        f"{tmp_path / 'a.rrd'}\n",
+        "",
+    )
+    assert "/charts/drag/limits/load_factor" in Review(tmp_path / "a.rrd").content
+
+
+@pytest.mark.parametrize("at_s", ["nan", "inf", "-0.1", "3.1"])
+def test_a_time_that_is_not_of_the_flight_is_refused(
+    lander: Path, tmp_path: Path, at_s: str
+) -> None:
+    picture = str(tmp_path / "a.png")
+    status, out, told = run("review", str(lander / "a"), "--at", at_s, "--screenshot", picture)
+    assert (status, out) == (1, "")
+    assert told == f"aeroshell: --at {at_s}: allowed is a time of flight, 0 to 3.00 s\n"
+
+
 def test_flights_have_labels_that_stay_apart_in_entity_paths(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def review(
     with Doing() as doing:
         doing("reading the recordings")
         found = open_flights(flights)
+        _check_moment(at_s, max(flight.recording.until_s for flight in found))
         _tell_gaps(found)
         shape = plan(found)
         with tempfile.TemporaryDirectory(prefix="aeroshell-") as folder:
@@ -131,6 +132,13 @@ def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> N
             raise RecordingError(f"{option} {out}: exists already, --force replaces it")
         if not out.parent.is_dir():
             raise RecordingError(f"{option} {out}: there is no folder {out.parent}")
+
+
+def _check_moment(at_s: float | None, until_s: float) -> None:
+    from flight_sw.errors import RecordingError
+
+    if at_s is not None and not 0.0 <= at_s <= until_s:
+        raise RecordingError(f"--at {at_s:g}: allowed is a time of flight, 0 to {until_s:.2f} s")
 
 
 def _tell_gaps(flights: "list[FlightData]") -> None:

@@ -56,9 +56,8 @@ class FlightData:
         self.recording = recording
         self.messages: dict[str, tuple[F8, Mapping[str, Column]]] = {}
         self.gaps: list[str] = []
-        self.mission = self._mission()
+        self.mission, self.world = self._mission()
         self.limits = limits_of(self.mission)
-        self.world = None if self.mission is None else self.mission.world()[0]
         self.planet_radius_m = None if self.mission is None else self.mission.planet.radius_km * 1e3
 
     @property
@@ -95,13 +94,14 @@ class FlightData:
         except (RecordingError, UnicodeDecodeError, tomllib.TOMLDecodeError):
             return {}
 
-    def _mission(self) -> Mission | None:
-        """The mission from what is attached, with the overrides it was flown with."""
+    def _mission(self) -> tuple[Mission | None, Any]:
+        """The mission from what is attached, with the overrides it was flown with, and its world,
+        whose air may be a table that is attached too."""
         attachments = self.recording.attachments
         names = [name for name in attachments if name.endswith(MISSION_SUFFIX)]
         if len(names) != 1:
             self.gaps.append("no mission is attached: no planet, limits and corridor")
-            return None
+            return None, None
         try:
             overrides = json.loads(self.recording.manifest.get(OVERRIDES, "{}"))
             with tempfile.TemporaryDirectory() as folder:
@@ -110,11 +110,12 @@ class FlightData:
                     if (path := root / name).resolve().is_relative_to(root.resolve()):
                         path.parent.mkdir(parents=True, exist_ok=True)
                         path.write_bytes(content)
-                return load_mission(root / names[0], overrides)
+                mission = load_mission(root / names[0], overrides)
+                return mission, mission.world()[0]
         except (AeroshellError, ValueError) as error:
             reason = str(error).splitlines()[0]
             self.gaps.append(f"its mission is not understood, {reason}: no planet and limits")
-            return None
+            return None, None
 
 
 def limits_of(mission: Mission | None) -> PathLimits:
