@@ -36,6 +36,7 @@ REQUEST = icd.slot("GROUND_REQUEST")
 COMMAND = icd.slot("FSW_COMMAND")
 STATUS = icd.slot("FSW_STATUS")
 HEALTH = (icd.slot("RX_HEALTH_A"), icd.slot("RX_HEALTH_B"), icd.slot("RX_HEALTH_C"))
+TICKED = icd.value_index("RX_HEALTH_C", "ticked")
 
 REQUEST_CODE = icd.value_index("GROUND_REQUEST", "request")
 REQUEST_KEY = icd.value_index("GROUND_REQUEST", "load_crc32")
@@ -273,8 +274,12 @@ def _send(load: Record, state: Record, slot: int, tx: Frames, n_tx: int) -> int:
 
 
 @kernel
-def _send_telemetry(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
-    """The law's telemetry and the receiver's counters, each at its own sub-rate."""
+def _send_telemetry(load: Record, state: Record, ticked: bool, tx: Frames, n_tx: int) -> int:
+    """The law's telemetry and the receiver's counters, each at its own sub-rate.
+
+    A cycle that no time message closed tells so: where its tick fell among the frames heard, a
+    recording does not show otherwise.
+    """
     sent = state["sent"]
     wiring = load["wiring"]
     if state["cycle"] % wiring["telemetry_divider"] == 0:
@@ -286,10 +291,12 @@ def _send_telemetry(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
         slots = wiring["slot"]
         for i in range(wiring["n_messages"]):
             n_tx = _send(load, state, slots[i], tx, n_tx)
-    if state["cycle"] % wiring["health_divider"] == 0:
+    due = state["cycle"] % wiring["health_divider"] == 0
+    if due or ticked:
         report_counters(state["rx"], state["incomplete_sets"], sent)
-        for slot in HEALTH:
-            n_tx = _send(load, state, slot, tx, n_tx)
+        sent[TICKED] = 1 if ticked else 0
+        for i in range(0 if due else len(HEALTH) - 1, len(HEALTH)):
+            n_tx = _send(load, state, HEALTH[i], tx, n_tx)
     return n_tx
 
 
@@ -313,6 +320,7 @@ def _send_status(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
 def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length."""
     state["cycles_run"] += 1
+    ticked = state["fresh"][gate.TIME] == NO_SLOT
     _take_fix(load, state)
     receiver_tick(state["rx"])
     state["radius_m"] = load["onboard"]["planet"]["radius_m"]
@@ -323,7 +331,7 @@ def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     n_tx = _send(load, state, COMMAND, tx, n_tx)
     if n_tx > before:
         state["sent"][SEAL] = seal_of(tx[before]["data"])
-    n_tx = _send_telemetry(load, state, tx, n_tx)
+    n_tx = _send_telemetry(load, state, ticked, tx, n_tx)
     return _send_status(load, state, tx, n_tx)
 
 

@@ -3,8 +3,10 @@
 import os
 import socket
 import tempfile
+import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,7 @@ from flight_sw.privileges import (
 )
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
+from sim_harness.bus.ear import no_ear, socket_ear
 from sim_harness.bus.hub import Hub
 from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightPlan, FlightRun
@@ -40,6 +43,8 @@ BOOT_STATE = icd.value_index("FSW_BOOT", "state")
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 START_UP_S = 120.0  # before the first: a process of ours that imports on a machine with no time
 LISTEN_S = 0.05
+HEAR_PAUSE_S = 0.02
+REST_S, REST_MAX_S = 0.005, 0.05  # for frames on their way at the end of a flight
 NOT_BOOT = -1
 STOPS_MAX, STOP_AGAIN_S = 10, 0.2
 CYCLES_MAX = 1 << 40
@@ -84,23 +89,34 @@ class BusFlight:
 
     def __init__(self, run: FlightRun, resources: ExitStack) -> None:
         self.run = run
+        self.ear = no_ear()
         plan = run.plan
         address = plan.bus
         if plan.bus == "unix":
             folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="aeroshell-"))
             path = Path(folder) / "bus"
             run.waiting("compiling the bus for this processor, once")
-            resources.enter_context(Hub(path, prompt=plan.pace > 0.0))
+            hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded)
+            self.ear = resources.enter_context(hub).ear
             address = f"unix:{path}"
-        self.bus: socket.socket = resources.enter_context(open_bus(address))
+        elif plan.recorded:  # before the socket for the answers, so that it hears them first
+            self.ear = socket_ear(self._open(resources, address).fileno())
+        run.harness["has_ear"] = int(plan.recorded)
+        run.hear(self.ear)  # compiles what the ear takes, before there is anything to miss
+        self.bus = self._open(resources, address)
         self.computer: ComputerProcess | None = None
         if plan.own_computer:
             self.computer = resources.enter_context(
                 ComputerProcess(plan.load_path, address, computer_options(plan), run.warn)
             )
-        self.bus.setblocking(False)
         self.processor = punctual_processor()
-        self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx)
+        self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx, self.ear)
+
+    @staticmethod
+    def _open(resources: ExitStack, address: str) -> socket.socket:
+        bus: socket.socket = resources.enter_context(open_bus(address))
+        bus.setblocking(False)
+        return bus
 
     def fly_paced(self) -> int:
         """Fly to the end against the clock; for a thread of its own."""
@@ -132,8 +148,6 @@ class BusFlight:
         if len(raw) != FRAME.itemsize:
             return NOT_BOOT
         frame = np.frombuffer(raw, FRAME).copy()
-        if self.run.plan.recorded:
-            self.run.hand_on(frame)
         return int(hear_boot(self.run.harness, frame, self.run.image.crc32))
 
     def await_computer(self) -> None:
@@ -141,6 +155,7 @@ class BusFlight:
         start_s = heard_s = time.monotonic()
         silence_max_s = SIGN_OF_LIFE_S if self.computer is None else START_UP_S
         while (state := self._hear()) != READY:
+            self.run.hear(self.ear)
             if self.computer is not None:
                 self.computer.fail_if_ended()
             now_s = time.monotonic()
@@ -166,11 +181,12 @@ class BusFlight:
         run = self.run
         start_s = time.perf_counter()
         run.waiting("compiling the flight loop for this processor, once")
-        if run.plan.pace > 0.0:
-            fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
-        else:
-            self.chunk(0)
-        hear_boot(run.harness, np.zeros(1, FRAME), 0)
+        with self._hearing():
+            if run.plan.pace > 0.0:
+                fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
+            else:
+                self.chunk(0)
+            hear_boot(run.harness, np.zeros(1, FRAME), 0)
         run.harness["port"]["rx"]["counted"] = 0
         run.harness["port"]["frames_received"] = 0
         self.await_computer()
@@ -187,6 +203,32 @@ class BusFlight:
         if self.computer is not None and run.outcome not in (BUS_LOST, COMPUTER_SILENT):
             self._see_it_end(self.computer)
             run.computer = self.computer.report()
+        self._hear_the_rest()
+
+    @contextmanager
+    def _hearing(self) -> Iterator[None]:
+        """Have the ear emptied while something else takes long."""
+        over = threading.Event()
+
+        def hear() -> None:
+            while not over.wait(HEAR_PAUSE_S):
+                self.run.hear(self.ear)
+
+        thread = threading.Thread(target=hear, name="ear")
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+
+    def _hear_the_rest(self) -> None:
+        """Have recorded what is still on its way; a bus that never rests is left after a moment."""
+        end_s = time.monotonic() + REST_MAX_S
+        while self.run.harness["has_ear"][0] and time.monotonic() < end_s:
+            if self.run.hear(self.ear) == 0:
+                return
+            time.sleep(REST_S)
 
     def _see_it_end(self, computer: ComputerProcess) -> None:
         """Ask again while the flight computer goes on: a request is lost where a queue was full."""

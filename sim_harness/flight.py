@@ -22,18 +22,17 @@ from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, parse_image
 from flight_sw.types_ import Frames
+from sim_harness.bus.ear import Ear
 from sim_harness.jit import kernel
 from sim_harness.journal import BUS_ROWS, TRUTH_ROWS, Journal
+from sim_harness.logs import BUS, COMMANDS, TRUTHS, Logs
 from sim_harness.loop import (
-    BUS,
     BUS_LOST,
-    COMMANDS,
     COMPUTER_SILENT,
     HARNESS,
     INTERRUPTED,
-    TRUTHS,
-    Logs,
     fly_in_memory,
+    hear_outside,
 )
 from sim_harness.mission import Mission
 from sim_harness.pacing import new_pacer
@@ -48,6 +47,7 @@ RING_CYCLES_MAX = 65536
 DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
 DRAIN_FLIGHT_S = 0.5  # of flight, at any pace
 TIMED_EVERY = 8  # minor frames in memory: the clock takes a thirtieth of each that it is read for
+EAR_BATCHES = 64  # heard in one go outside the loop
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
 OTHER_OUTCOMES = {
     BUS_LOST: "bus lost",
@@ -160,20 +160,26 @@ class FlightRun:
             listener.waiting(text)
 
     def request(self, code: int) -> Frames:
-        """The frame of a request to the flight computer, logged as sent."""
+        """The frame of a request to the flight computer, logged as sent unless an ear hears it."""
         harness = self.harness
         n = put_request(harness["codec"][0], harness["port"][0], code, self.image.crc32, self.tx)
-        if self.plan.recorded:
-            self.hand_on(self.tx[:n])
+        if self.plan.recorded and not harness["has_ear"][0]:
+            rows = np.zeros(n, BUS_LOG)
+            rows["t_s"] = harness["truth"]["t_s"]
+            rows["frame"] = self.tx[:n]
+            self._hand_on(rows, self.journal)
         return self.tx[:n].copy()
 
-    def hand_on(self, frames: Frames) -> None:
-        """Have frames recorded that passed on the bus outside the loop."""
-        rows = np.zeros(len(frames), BUS_LOG)
-        rows["t_s"] = self.harness["truth"]["t_s"]
-        rows["frame"] = frames
-        if self.journal is not None:
-            self.journal.append(BUS_ROWS, rows)
+    def hear(self, ear: Ear) -> int:
+        """Have frames recorded that passed on the bus outside the loop; how many there were."""
+        n = int(hear_outside(self.harness, self.logs, ear, EAR_BATCHES))
+        rows = self._taken(BUS, self.logs.bus, "written")
+        self._hand_on(rows, self.journal if self.plan.pace > 0.0 else None)
+        return n
+
+    def _hand_on(self, rows: npt.NDArray[np.void], journal: Journal | None) -> None:
+        if journal is not None:
+            journal.append(BUS_ROWS, rows)
         for listener in self.listeners:
             listener.rows(rows, np.zeros(0, TRUTH))
 

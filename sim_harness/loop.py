@@ -13,13 +13,23 @@ from flight_sw.can.bursts import recv_rest
 from flight_sw.can.codec import CODEC
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.computer import COMMAND, minor_frame
+from flight_sw.computer import minor_frame
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import add
 from flight_sw.types_ import Frames, Record
-from sim_harness.fence import memory_fence
+from sim_harness.bus.ear import Ear, hear
 from sim_harness.jit import kernel
 from sim_harness.journal import JOURNAL, NONE, keep_bus, keep_truth
+from sim_harness.logs import (
+    BUS,
+    N_LOGS,
+    TRUTHS,
+    Logs,
+    has_room,
+    log_command,
+    log_passing,
+    log_truth,
+)
 from sim_harness.metrics import METRICS, judge_frame
 from sim_harness.navigation import NAV_STATE, measure
 from sim_harness.port import PORT, put_navigation, take
@@ -29,9 +39,8 @@ from sim_harness.world.records import FLYING, TRUTH, WORLD
 BUS_LOST = 101
 COMPUTER_SILENT = 102
 INTERRUPTED = 103
-COMMANDS, BUS, TRUTHS, N_LOGS = 0, 1, 2, 3  # the ring logs
-ROOM_FOR_A_CYCLE = 4 * RX_CAPACITY  # frames
 TRUTH_BYTES = TRUTH.itemsize
+BATCHES_PER_CYCLE = 2  # that an ear hears in lockstep: the log has room for them
 POLL_MS = 20  # longest wait in one system call: the time-out is looked at this often
 
 HARNESS = np.dtype(
@@ -47,6 +56,7 @@ HARNESS = np.dtype(
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
         ("published", "i8", (N_LOGS,)),  # rows of whole cycles, for a reader beside the loop
         ("taken", "i8", (N_LOGS,)),  # rows ever taken out of it
+        ("has_ear", "i8"),  # 1: the bus is logged as an ear hears it
         ("bus_rows_lost", "i8"),  # frames that found the log full
         ("command_rows_lost", "i8"),
         ("truth_rows_lost", "i8"),
@@ -58,14 +68,6 @@ HARNESS = np.dtype(
 """Everything of one flight on the harness's side."""
 
 
-class Logs(NamedTuple):
-    """Caller-owned ring buffers: the loop writes, the caller takes; an empty one is not filled."""
-
-    commands: npt.NDArray[np.void]  # dictionary.FRAME, every command flown
-    bus: npt.NDArray[np.void]  # telemetry.records.BUS_LOG, every frame
-    truth: npt.NDArray[np.void]  # TRUTH, every truth_divider-th minor frame
-
-
 class Wire(NamedTuple):
     """An open bus and the buffers of its transfers."""
 
@@ -73,86 +75,7 @@ class Wire(NamedTuple):
     io: npt.NDArray[np.void]
     rx: Frames
     tx: Frames
-
-
-@kernel
-def _copy_frame(to: Record, frame: Record) -> None:
-    to["can_id"] = frame["can_id"]
-    to["dlc"] = frame["dlc"]
-    to["pad"] = frame["pad"]
-    to["res0"] = frame["res0"]
-    to["len8_dlc"] = frame["len8_dlc"]
-    to["data"] = frame["data"]
-
-
-@kernel
-def _room(harness: Record, log: int, length: int) -> int:
-    """Free rows of a ring log."""
-    return length - (harness["written"][log] - harness["taken"][log])
-
-
-@kernel
-def log_frame(harness: Record, logs: Logs, frame: Record) -> None:
-    """Keep one frame of the bus; one that finds the log full is counted."""
-    length = len(logs.bus)
-    if length == 0:
-        return
-    if _room(harness, BUS, length) < 1:
-        harness["bus_rows_lost"] += 1
-        return
-    row = logs.bus[harness["written"][BUS] % length]
-    row["t_s"] = harness["truth"]["t_s"]
-    _copy_frame(row["frame"], frame)
-    harness["written"][BUS] += 1
-
-
-@kernel
-def _log_command(harness: Record, logs: Logs) -> None:
-    """Keep the command that is flown, as it lay on the wire."""
-    length = len(logs.commands)
-    if _room(harness, COMMANDS, length) < 1:
-        harness["command_rows_lost"] += 1
-        return
-    row = logs.commands[harness["written"][COMMANDS] % length]
-    codec = harness["codec"]
-    row["can_id"] = codec["can_id"][COMMAND]
-    row["dlc"] = codec["dlc"][COMMAND]
-    row["pad"] = 0
-    row["res0"] = 0
-    row["len8_dlc"] = 0
-    row["data"] = harness["port"]["flown"]
-    harness["written"][COMMANDS] += 1
-
-
-@kernel
-def _log_truth(harness: Record, logs: Logs) -> None:
-    truth = harness["truth"]
-    length = len(logs.truth)
-    if length == 0 or truth["minor_frames"] % harness["truth_divider"] != 0:
-        return
-    if _room(harness, TRUTHS, length) < 1:
-        harness["truth_rows_lost"] += 1
-        return
-    logs.truth[harness["written"][TRUTHS] % length] = truth
-    harness["written"][TRUTHS] += 1
-
-
-@kernel
-def has_room(harness: Record, logs: Logs) -> bool:
-    """Whether the logs take one more cycle on a bus as busy as it can be."""
-    return (
-        _room(harness, COMMANDS, len(logs.commands)) >= 1
-        and (len(logs.bus) == 0 or _room(harness, BUS, len(logs.bus)) >= ROOM_FOR_A_CYCLE)
-        and (len(logs.truth) == 0 or _room(harness, TRUTHS, len(logs.truth)) >= 1)
-    )
-
-
-@kernel
-def publish(harness: Record) -> None:
-    """Let a reader beside the loop take everything that is logged: between cycles alone."""
-    memory_fence()
-    for log in range(N_LOGS):
-        harness["published"][log] = harness["written"][log]
+    ear: Ear
 
 
 @kernel
@@ -172,12 +95,12 @@ def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     """Measure and put the cycle's navigation set into `tx`."""
     truth = harness["truth"]
     port = harness["port"]
-    _log_truth(harness, logs)
+    log_truth(harness, logs)
     measure(harness["world"], truth, harness["navigation"], port["values"])
     port["withheld"] = harness["navigation"]["withheld"]
     n_tx = put_navigation(harness["codec"], port, truth["minor_frames"], tx)
     for i in range(n_tx):
-        log_frame(harness, logs, tx[i])
+        log_passing(harness, logs, tx[i])
     return n_tx
 
 
@@ -187,7 +110,7 @@ def take_answer(harness: Record, logs: Logs, frames: Frames, n: int) -> bool:
     port = harness["port"]
     cycle = harness["truth"]["minor_frames"]
     for i in range(n):
-        log_frame(harness, logs, frames[i])
+        log_passing(harness, logs, frames[i])
         take(harness["codec"], port, frames[i], cycle)
     return port["answered"] == 1
 
@@ -199,7 +122,7 @@ def close_cycle(harness: Record, logs: Logs) -> int:
     truth = harness["truth"]
     port = harness["port"]
     if port["answered"] == 1:
-        _log_command(harness, logs)
+        log_command(harness, logs)
     judge_frame(harness["metrics"], truth, port, world["dt_s"])
     advance(world, truth, port["bank_cmd_rad"], port["alpha_cmd_rad"])
     return ended(world, truth)
@@ -273,6 +196,7 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
         if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
             return BUS_LOST
         outcome = _await_answer(harness, logs, wire, timeout_ns)
+        hear(harness, logs, wire.ear, BATCHES_PER_CYCLE)
         if outcome != FLYING:
             return outcome
         outcome = close_cycle(harness, logs)
@@ -280,3 +204,13 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
         if outcome != FLYING:
             return outcome
     return FLYING
+
+
+@kernel
+def hear_outside(harnesses: Frames, logs: Logs, ear: Ear, batches: int) -> int:
+    """Hear while no loop flies; how many frames there were."""
+    harness = harnesses[0]
+    n = hear(harness, logs, ear, batches)
+    if harness["journal"]["fd"] != NONE:
+        keep_bus(harness["journal"], logs.bus, harness["written"][BUS])
+    return n

@@ -18,17 +18,16 @@ from flight_sw.computer import STOP
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from flight_sw.types_ import Frames, Record
+from sim_harness.bus.ear import hear
 from sim_harness.jit import kernel
+from sim_harness.logs import Logs, log_passing, publish
 from sim_harness.loop import (
     BUS_LOST,
     COMPUTER_SILENT,
     INTERRUPTED,
-    Logs,
     Wire,
     close_cycle,
-    log_frame,
     open_cycle,
-    publish,
     take_answer,
 )
 from sim_harness.port import put_request
@@ -64,6 +63,7 @@ LOOKS_MAX = 1 << 30  # bounds the loop in words; the clock ends it first
 SLEEP_ONLY_NS = 2_000_000  # nearer to the deadline the loop sleeps instead of listening
 LATE_LOOKS = 4  # of a frame that began late: hub and computer on its processor run in between
 NAP_NS = 100_000  # between two looks at the bus in the last millisecond of a frame
+BATCHES_MAX = 64  # that an ear hears in one frame
 NS_PER_MS = 1_000_000
 PROCESSOR_TIMES, STOLEN_AT = Path("/proc/stat"), 8
 
@@ -148,6 +148,7 @@ def _listen_until(
         if n_rx > 0 and take_answer(harness, logs, wire.rx, n_rx) and not answered:
             now_ns = monotonic_ns()
             add(pacer["round_trip"], now_ns - sent_ns)
+            hear(harness, logs, wire.ear, BATCHES_MAX)
     return FLYING
 
 
@@ -191,6 +192,8 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
     outcome = _listen_until(harness, pacer, logs, wire, sent_ns, deadline_ns)
     if outcome != FLYING:
         return outcome
+    if harness["port"]["answered"] == 0:
+        hear(harness, logs, wire.ear, BATCHES_MAX)
     if _is_silent(harness, pacer, deadline_ns, answers):
         return COMPUTER_SILENT
     return close_cycle(harness, logs)
@@ -201,7 +204,7 @@ def _stop_computer(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> No
     """Ask the flight computer to end before it misses the frames that will not come."""
     n = put_request(harness["codec"], harness["port"], STOP, pacer["load_crc32"], wire.tx)
     for i in range(n):
-        log_frame(harness, logs, wire.tx[i])
+        log_passing(harness, logs, wire.tx[i])
     send_frames(wire.fd, wire.io[0], wire.tx, n)
 
 

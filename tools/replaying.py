@@ -14,7 +14,7 @@ from flight_sw.errors import AeroshellError, RecordingError
 from flight_sw.load_image import LoadImage, read_image
 from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up
-from sim_harness.replay.script import attached_load, check_dbc
+from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_computer
 from sim_harness.telemetry.reader import Recording, load_kernels, open_recording
 from tools.flight_tables import WRITERS, write_table
 
@@ -60,18 +60,20 @@ def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compa
     """A recording, and what another load would have commanded of it."""
     recording, image = open_recording(flight), read_image(load)
     with patience(f"compiling law '{image.law}' for this processor, once"):
-        compared = compare(recording, image, _ticks(recording))
+        compared = compare(recording, image, _heard(recording))
     if not len(compared.t_s):
         raise RecordingError(f"{recording.path}: {NOTHING}")
     return recording, image, compared
 
 
-def _ticks(recording: Recording) -> np.ndarray:
-    """Where cycles were closed by ticks; unknown, and none, where the load itself is unreadable."""
+def _heard(recording: Recording) -> Heard:
+    """What its computer heard; as it looks where the load that flew is unreadable."""
     try:
-        return Replayer(recording).run().ticks
+        replayer = Replayer(recording)
+        replayer.run()
     except AeroshellError:
-        return np.zeros(0, np.int64)
+        return heard_by_computer(recording)
+    return replayer.heard
 
 
 def check_out(out: Path, *, force: bool) -> None:

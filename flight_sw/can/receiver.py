@@ -72,6 +72,8 @@ HEALTH_UNKNOWN_ID = value_index("RX_HEALTH_B", "unknown_id")
 HEALTH_INCOMPLETE_SETS = value_index("RX_HEALTH_B", "incomplete_sets")
 HEALTH_LOST = value_index("RX_HEALTH_C", "lost")
 HEALTH_FOREIGN = value_index("RX_HEALTH_C", "foreign")
+HEALTH_HEARD = value_index("RX_HEALTH_C", "heard")
+HEARD_MODULUS = 1 << 19  # of the frames heard, in RX_HEALTH_C
 REFUSED_MAX = int(layout("RX_HEALTH_A").signals[0].high)
 MISSED_MAX = int(layout("RX_HEALTH_C").signals[0].high)
 
@@ -181,8 +183,14 @@ def rejected(rx_state: Record) -> np.int64:
 
 
 @kernel
+def heard(rx_state: Record) -> np.int64:
+    """Frames judged so far."""
+    return rx_state["counted"][OK] + rx_state["counted"][LOST] + rejected(rx_state)
+
+
+@kernel
 def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
-    """The RX_HEALTH signals; a counter stays at the most that its signal carries."""
+    """The RX_HEALTH signals of a receiver; refusals stay at the most that their signal carries."""
     counted = rx_state["counted"]
     values[HEALTH_WRONG_CRC] = min(counted[WRONG_CRC], REFUSED_MAX)
     values[HEALTH_REPEATED] = min(counted[REPEATED], REFUSED_MAX)
@@ -194,3 +202,4 @@ def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
     values[HEALTH_INCOMPLETE_SETS] = min(incomplete_sets, REFUSED_MAX)
     values[HEALTH_LOST] = min(rx_state["lost_frames"], MISSED_MAX)
     values[HEALTH_FOREIGN] = min(counted[FOREIGN], MISSED_MAX)
+    values[HEALTH_HEARD] = heard(rx_state) % HEARD_MODULUS

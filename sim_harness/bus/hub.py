@@ -18,21 +18,19 @@ from types import TracebackType
 import numpy as np
 
 from flight_sw.can.address import UNIX_PATH_MAX_BYTES
-from flight_sw.can.sockets import BATCH, new_io
-from flight_sw.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.privileges import punctual_processor, take_priority
+from sim_harness.bus.ear import Ear, hub_ear
 from sim_harness.bus.pump import (
     ACCEPT,
-    CLIENTS_MAX,
     CLOSED,
     FREE,
     GONE,
     LISTENER,
     OPEN,
-    QUEUE_FRAMES,
     STOP,
     WAKE,
+    new_buffers,
     new_hub,
     pump,
 )
@@ -100,16 +98,15 @@ class Hub:
     """A running bus on a socket file: `with Hub(path) as hub: ...`, or start() and stop().
 
     A prompt hub is there for real time: nothing but its equals keeps it waiting, where the system
-    permits it. Any other lets the sender finish its burst before it takes the processor.
+    permits it. Any other lets the sender finish its burst before it takes the processor. A tapped
+    hub keeps what it moves for an ear in this process.
     """
 
-    def __init__(self, path: str | Path, *, prompt: bool = False) -> None:
+    def __init__(self, path: str | Path, *, prompt: bool = False, tapped: bool = False) -> None:
         self.path = Path(path)
         self.prompt = prompt
         self._hub = new_hub()
-        self._queues = np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME)
-        self._io = new_io()
-        self._frames = np.zeros(BATCH, FRAME)
+        self._buffers = new_buffers(tapped=tapped)
         self._clients: dict[int, socket.socket] = {}
         self._connections = 0
         self._thread: threading.Thread | None = None
@@ -164,11 +161,16 @@ class Hub:
             frames_received=int(hub["frames_received"]),
             frames_sent=int(hub["frames_sent"]),
             frames_dropped=int(hub["frames_dropped"]),
-            packets_refused=int(self._io["wrong_size"][0]),
+            packets_refused=int(self._buffers.io["wrong_size"][0]),
         )
 
+    @property
+    def ear(self) -> Ear:
+        """What hears everything that a tapped hub moves."""
+        return hub_ear(self._buffers.tap, self._buffers.ring)
+
     def _pump(self) -> int:
-        return int(pump(self._hub, self._queues, self._io, self._frames))
+        return int(pump(self._hub, self._buffers))
 
     def _run(self) -> None:
         if self.prompt:

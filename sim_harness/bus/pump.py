@@ -1,6 +1,6 @@
 """The hub's inner loop: one thread takes frames from each client and hands them to the others."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,13 @@ from flight_sw.can.sockets import (
     EINTR,
     ENOBUFS,
     copy_frame,
+    new_io,
     receive_now,
     send_now,
 )
+from flight_sw.dictionary import FRAME
 from flight_sw.types_ import Frames, Record
+from sim_harness.bus.tap import RING_FRAMES, TAP, keep
 from sim_harness.jit import kernel
 
 CLIENTS_MAX = 32
@@ -61,6 +64,16 @@ HUB = np.dtype(
     align=True,
 )
 """The hub's clients and totals. It holds its own address: never copy it."""
+
+
+class Buffers(NamedTuple):
+    """What a hub's frames lie in."""
+
+    queues: Frames  # (CLIENTS_MAX, QUEUE_FRAMES)
+    io: npt.NDArray[np.void]
+    frames: Frames  # (BATCH,)
+    tap: npt.NDArray[np.void]  # (1,)
+    ring: Frames  # of the tap; empty: nothing is kept
 
 
 @kernel
@@ -130,22 +143,24 @@ def _deliver(
 
 
 @kernel
-def _forward(hub: Record, queues: Frames, io: Record, frames: Frames, source: int) -> int:
+def _forward(hub: Record, buffers: Buffers, source: int) -> int:
     """Take a batch from one client and deliver it to the others; returns frames taken."""
     clients = hub["client"]
+    io, frames = buffers.io[0], buffers.frames
     n = receive_now(clients[source]["fd"], io, frames, BATCH)
     if n < 0:
         clients[source]["state"] = GONE
         return 0
     hub["frames_received"] += n
+    keep(buffers.tap[0], buffers.ring, frames, n)
     for i in range(CLIENTS_MAX):
         if n > 0 and i != source and clients[i]["state"] == OPEN:
-            _deliver(hub, queues[i], io, clients[i], frames, n)
+            _deliver(hub, buffers.queues[i], io, clients[i], frames, n)
     return n
 
 
 @kernel
-def _serve(hub: Record, queues: Frames, io: Record, frames: Frames, rows: int) -> int:
+def _serve(hub: Record, buffers: Buffers, rows: int) -> int:
     """Serve every connection that poll found ready; returns events for Python."""
     table = hub["pollfd"]
     clients = hub["client"]
@@ -155,24 +170,23 @@ def _serve(hub: Record, queues: Frames, io: Record, frames: Frames, rows: int) -
     for i in range(rows - FIRST_CLIENT):
         revents = table[FIRST_CLIENT + i]["revents"]
         if revents & POLLOUT != 0:
-            _flush(hub, queues[i], io, clients[i])
+            _flush(hub, buffers.queues[i], buffers.io[0], clients[i])
         if revents & READABLE != 0:
-            _forward(hub, queues, io, frames, i)
+            _forward(hub, buffers, i)
             if clients[i]["state"] == GONE:
                 events |= CLOSED
     return events
 
 
 @kernel
-def pump(hub: Frames, queues: Frames, io: Frames, frames: Frames) -> int:
+def pump(hub: Frames, buffers: Buffers) -> int:
     """Move frames until there is something for Python to do: the events that ask for it."""
     the_hub = hub[0]
-    the_io = io[0]
     for _ in range(ROUNDS_MAX):
         rows = _watch(the_hub)
         if poll(the_hub["pollfd_address"], np.uint64(rows), np.int32(FOREVER_MS)) <= 0:
             continue
-        events = _serve(the_hub, queues, the_io, frames, rows)
+        events = _serve(the_hub, buffers, rows)
         if events != 0:
             return events
     return 0
@@ -184,3 +198,14 @@ def new_hub() -> npt.NDArray[np.void]:
     fields: Any = HUB.fields
     hub["pollfd_address"] = hub.ctypes.data + fields["pollfd"][1]
     return hub
+
+
+def new_buffers(*, tapped: bool) -> Buffers:
+    """Empty buffers; a tapped hub keeps what it moves."""
+    return Buffers(
+        queues=np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME),
+        io=new_io(),
+        frames=np.zeros(BATCH, FRAME),
+        tap=np.zeros(1, TAP),
+        ring=np.zeros(RING_FRAMES if tapped else 0, FRAME),
+    )

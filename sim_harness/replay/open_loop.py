@@ -16,7 +16,7 @@ from flight_sw.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.replay.feed import HEARD, Computers, Script, new_script
 from sim_harness.replay.replayer import new_computer
-from sim_harness.replay.script import COMMAND_NAME, STATUS_NAME, check_messages, kinds_of
+from sim_harness.replay.script import COMMAND_NAME, STATUS_NAME, Heard, check_messages
 from sim_harness.telemetry.reader import Recording
 
 F8 = npt.NDArray[np.float64]
@@ -63,29 +63,29 @@ def _close(computers: Computers, t_s: float, answered: Record) -> None:
 @kernel
 def answer_all(computers: Computers, script: Script, answered: Rows) -> int:
     """Run every cycle of a script; returns how many there were."""
-    n = 0
-    tick = 0
+    n = tick = heard = 0
     for row in range(len(script.rows)):
         t_s = script.rows[row]["t_s"]
-        while tick < len(script.ticks) and script.ticks[tick] <= row and n < len(answered):
+        while tick < len(script.ticks) and script.ticks[tick] <= heard and n < len(answered):
             _close(computers, t_s, answered[n])
             tick += 1
             n += 1
         if script.kinds[row] != HEARD or n >= len(answered):
             continue
+        heard += 1
         if receive(computers.load[0], computers.states[0], script.rows[row]["frame"]):
             _close(computers, t_s, answered[n])
             n += 1
     return n
 
 
-def answers_to(recording: Recording, image: LoadImage, ticks: I8) -> Rows:
+def answers_to(recording: Recording, image: LoadImage, heard: Heard) -> Rows:
     """What a load answers to a recording's frames, cycle by cycle."""
     check_messages(recording)
     crc32 = int(recording.manifest.get("load_crc32", "0x0"), 16)
     computers = new_computer(image, crc32)
-    script = new_script(recording.bus, kinds_of(recording))._replace(ticks=ticks)
-    answered = np.zeros(len(recording.bus) + len(ticks), ANSWERED)
+    script = new_script(recording.bus, *heard)
+    answered = np.zeros(len(recording.bus) + len(heard.ticks), ANSWERED)
     return answered[: answer_all(computers, script, answered)]
 
 
@@ -110,15 +110,15 @@ def recorded_answers(recording: Recording) -> Rows:
     return answered
 
 
-def compare(recording: Recording, image: LoadImage, ticks: I8) -> Compared:
-    """Both loads' commands, cycle by cycle."""
+def compare(recording: Recording, image: LoadImage, heard: Heard) -> Compared:
+    """Both loads' commands, cycle by cycle, to what the computer heard."""
     period_s = recording.period_s
     if period_s is not None and abs(float(image.body["dt_s"][0]) - period_s) > PERIOD_TOLERANCE:
         raise RecordingError(
             f"{recording.path.name}: minor frame is {period_s:g} s, "
             f"the other load's is {float(image.body['dt_s'][0]):g} s"
         )
-    theirs, ours = recorded_answers(recording), answers_to(recording, image, ticks)
+    theirs, ours = recorded_answers(recording), answers_to(recording, image, heard)
     cycle_a, a = _by_cycle(recording, theirs)
     cycle_b, b = _by_cycle(recording, ours)
     both, in_a, in_b = np.intersect1d(cycle_a, cycle_b, return_indices=True)

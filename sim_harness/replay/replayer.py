@@ -1,9 +1,10 @@
 """Replays a recording: the same answers to the same frames, or the first that differs.
 
-What a recording does not show are the executive's ticks, with which it closed cycles whose time
-message was overdue. They are found from their answers: where one turns up that no time message
-accounts for, a tick is tried before each frame heard since, and kept if the answers then agree.
-A tick can so be found only where it leads to the very bits that were recorded.
+What the rows of a recording do not show by themselves: from which of them on the computer heard,
+where among them the executive's ticks closed cycles whose time message was overdue, and which
+frames only posed as the computer's. Its reports say how many frames it had heard, and whether a
+tick closed the cycle. Each reading of them is tried, and kept if the answers then agree to the bit:
+a false report finds no such place.
 """
 
 from dataclasses import dataclass, field
@@ -12,30 +13,45 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.can.receiver import HEARD_MODULUS
 from flight_sw.computer import new_state
 from flight_sw.load_image import LoadImage, activate
 from flight_sw.types_ import Frames
+from sim_harness.replay.beginning import find_beginning
 from sim_harness.replay.feed import (
+    ANSWER,
+    CERTAIN,
     HEARD,
+    NEITHER,
     OVER,
     QUEUE_MASK,
+    REPORT,
     SILENT,
-    STOPPED,
     Computers,
+    Script,
+    copied,
     feed,
     new_computers,
     new_script,
 )
-from sim_harness.replay.script import attached_load, check_dbc, is_paced, kinds_of
+from sim_harness.replay.script import (
+    Heard,
+    attached_load,
+    check_dbc,
+    hears_all,
+    is_paced,
+    reports_of,
+)
 from sim_harness.telemetry.reader import Recording
 from sim_harness.telemetry.records import BUS_LOG
 
 I8 = npt.NDArray[np.int64]
 
 LOOK_AHEAD = 400  # rows over which a guess must hold up
-TRIES_MAX = 4000  # guesses for one answer that was not expected
-TICKS_MAX = 250  # in a row
-FALSE_IN_ROW_MAX = 64  # frames that pose as the computer's between two of its answers
+REPORTS_TRIED = 8  # of those that come next: false ones may stand before the computer's own
+FALSE_IN_ROW_MAX = 64  # frames that pose as the computer's, in sequence, between two of its own
+FALSE_IN_SEQUENCE = 1 / 8  # at most, of those at the end: two times what chance has of 16 counters
+NO_ROWS = np.zeros(0, np.int64)
 ANSWERED_MAX = 2  # cycles without an answer that the end of any flight may have
 
 
@@ -60,11 +76,11 @@ class Replay:
     """Answers that agree."""
     until_s: float = 0.0
     ticks: I8 = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Rows before which a cycle was closed without its time message."""
+    """Frames heard before each cycle that was closed without its time message."""
     false_frames: int = 0
     """Frames that looked like the computer's own and were not."""
     reports: int = 0
-    """Reports of refused frames that count otherwise, where a third sender is on the bus."""
+    """Reports that count otherwise, where the computer had not heard all that was recorded."""
     unanswered: int = 0
     """Minor frames at the end that the computer did not answer any more."""
     gap_s: float | None = None
@@ -87,7 +103,7 @@ def new_computer(image: LoadImage, crc32: int) -> Computers:
 def warm_up(image: LoadImage) -> None:
     """Compile, or read from the cache, what a replay of this law takes."""
     rows = np.zeros(0, BUS_LOG)
-    feed(new_computer(image, 0), new_script(rows, np.zeros(0, np.int64)), 0)
+    feed(new_computer(image, 0), new_script(rows, NO_ROWS, NO_ROWS), 0)
 
 
 class Replayer:
@@ -97,24 +113,33 @@ class Replayer:
         check_dbc(recording)
         self.recording = recording
         self.image = image or attached_load(recording)
-        self.kinds = kinds_of(recording)
-        self.script = new_script(recording.bus, self.kinds)
-        self.computers = new_computer(self.image, self.image.crc32)
+        self._computers = new_computer(self.image, self.image.crc32)
         self._end = recording.rows_before_gap
         self._may_tick = is_paced(recording)
-        self._false_frames = 0
+        self._false_kind = HEARD if hears_all(recording) else NEITHER
+        self._reports = reports_of(recording)
+        heard = find_beginning(recording, self._computers, self._reports)
+        self._script = new_script(recording.bus, *heard, hears_all(recording))
+        self._script = self._script._replace(settles=True)
+        self._answers = np.isin(heard.kinds, (ANSWER, REPORT))
+
+    @property
+    def heard(self) -> Heard:
+        """What the computer heard, as far as the replay has found it out."""
+        return Heard(self._script.kinds, self._script.ticks)
 
     def run(self) -> Replay:
         """Replay to the end, or to the first difference."""
         while True:
-            ended = int(feed(self.computers, self.script, self._end))
+            ended = int(feed(self._computers, self._script, self._end))
             if ended in (OVER, SILENT):
                 return self._told(None)
-            if not self._resolve():
+            row = int(self._computers.feeders["row"][0])
+            if not self._find_tick(row) and (ended == CERTAIN or not self._take_as_false(row)):
                 return self._told(self._difference())
 
     def _told(self, difference: Difference | None) -> Replay:
-        feeder, rows = self.computers.feeders[0], self.recording.bus
+        feeder, rows = self._computers.feeders[0], self.recording.bus
         last = int(feeder["row"]) - 1
         behind = int(feeder["cycles"] - feeder["cycles_matched"])
         has_gap = self._end < len(rows) and difference is None
@@ -122,74 +147,88 @@ class Replayer:
             cycles=int(feeder["cycles_matched"]),
             frames=int(feeder["matched"]),
             until_s=float(rows["t_s"][last]) if last >= 0 else 0.0,
-            ticks=self.script.ticks,
-            false_frames=self._false_frames,
+            ticks=self._script.ticks,
+            false_frames=int(np.count_nonzero(self._answers & ~self._is_answer())),
             reports=int(feeder["reports"]),
             unanswered=behind if behind > ANSWERED_MAX and difference is None else 0,
             gap_s=float(rows["t_s"][self._end - 1]) if has_gap and self._end else None,
             difference=difference,
         )
 
+    def _is_answer(self) -> npt.NDArray[np.bool_]:
+        return np.isin(self._script.kinds, (ANSWER, REPORT))
+
     # --- what may stand behind an answer that was not expected ---------------------------------
 
-    def _resolve(self) -> bool:
-        """Find ticks, or a false frame, that account for the row at which the feed stopped."""
-        feeder, before = self.computers.feeders[0], self.computers.feeders[2]
-        row, matched = int(feeder["row"]), int(feeder["matched"])
-        if self._may_tick:
-            known = self.script.ticks[: int(feeder["tick"])]
-            search = _Search(self, TRIES_MAX, (matched, known))
-            search.ticks_from(known, int(before["row"]), row, matched)
-            if search.best[0] > matched:
-                self._restore()
-                self.script = self.script._replace(ticks=search.best[1])
-                return True
-        return self._take_as_false(matched)
-
-    def _take_as_false(self, matched: int) -> bool:
-        """Try whether the answers go on behind frames that the computer has heard, not sent."""
-        row, taken = int(self.computers.feeders["row"][0]), []
-        before = self.kinds.copy()
-        for _ in range(FALSE_IN_ROW_MAX):
-            self.kinds[row] = HEARD
-            taken.append(row)
-            holds, found, row = self.tried(self.script.ticks, self._end)
-            if found > matched:
-                self._false_frames += len(taken)
+    def _find_tick(self, row: int) -> bool:
+        """Take a report that comes next as that of a cycle closed by a tick, if all then agrees."""
+        known = int(self._computers.feeders["tick"][0])
+        reports = self._reports
+        first = int(np.searchsorted(reports.rows, row)) if self._may_tick else len(reports.rows)
+        for i in range(first, min(first + REPORTS_TRIED, len(reports.rows))):
+            if not reports.ticked[i] or reports.rows[i] > row + LOOK_AHEAD:
+                continue
+            guess = np.append(self._script.ticks[:known], self._heard_before(int(reports.heard[i])))
+            _, trial = self._tried(self._script._replace(ticks=guess), row)
+            if trial["row"] > reports.rows[i]:
+                self._script = self._script._replace(ticks=guess)
                 self._restore()
                 return True
-            if holds:
-                break
-        self.kinds[taken] = before[taken]
         return False
 
-    def places_for_a_tick(self, floor: int, row: int) -> list[int]:
-        """Before each of the frames heard since, then before the row itself."""
-        heard = np.arange(floor, row)
-        return [*heard[self.kinds[heard] == HEARD].tolist(), row]
+    def _heard_before(self, told: int) -> int:
+        """How many frames were fed when the computer had heard as many as it told."""
+        before = self._computers.feeders[2]
+        more = (
+            told - int(self._computers.feeders["heard_ahead"][0]) - int(before["heard"])
+        ) % HEARD_MODULUS
+        return int(before["heard"]) + more
+
+    def _take_as_false(self, row: int) -> bool:
+        """Try whether the answers go on behind frames that the computer has not sent.
+
+        With a tick, or without. Behind its last answer of all only those are taken that many others
+        out of sequence go with, which cannot be its own.
+        """
+        feeder, kinds = self._computers.feeders[0], self._script.kinds
+        matched, taken = int(feeder["matched"]), {}
+        others, before = 0, int(self._computers.feeders["false_frames"][2])
+        while len(taken) < max(FALSE_IN_ROW_MAX, FALSE_IN_SEQUENCE * others):
+            taken[row], kinds[row] = int(kinds[row]), self._false_kind
+            ended, trial = self._tried(self._script, self._end)
+            row, others = int(trial["row"]), int(trial["false_frames"]) - before
+            is_over = row >= self._end
+            if trial["matched"] > matched or (is_over and len(taken) < FALSE_IN_SEQUENCE * others):
+                self._restore()
+                return True
+            if not is_over and self._find_tick(row):
+                return True
+            if is_over or ended == CERTAIN:
+                break
+        for row, kind in taken.items():
+            kinds[row] = kind
+        return False
 
     def _restore(self) -> None:
-        self.computers.states[:2] = self.computers.states[2]
-        self.computers.feeders[:2] = self.computers.feeders[2]
+        self._computers.states[:2] = self._computers.states[2]
+        self._computers.feeders[:2] = self._computers.feeders[2]
 
-    def tried(self, ticks: I8, row: int) -> tuple[bool, int, int]:
-        """Whether a guess holds up over the look-ahead; answers found, and the row reached."""
-        states, feeders = self.computers.states[[2, 2, 2]], self.computers.feeders[[2, 2, 2]]
-        trial = self.computers._replace(states=states, feeders=feeders)
-        script = self.script._replace(ticks=ticks)
-        ended = int(feed(trial, script, min(row + LOOK_AHEAD, self._end)))
-        return ended != STOPPED, int(feeders["matched"][0]), int(feeders["row"][0])
+    def _tried(self, script: Script, row: int) -> tuple[int, Frames]:
+        """Where another script leads, up to the look-ahead behind a row, and why it ends there."""
+        trial = copied(self._computers)
+        ended = feed(trial, script._replace(settles=False), min(row + LOOK_AHEAD, self._end))
+        return int(ended), trial.feeders[0]
 
     # --- telling a difference ------------------------------------------------------------------
 
     def _difference(self) -> Difference:
-        feeder, recording = self.computers.feeders[0], self.recording
+        feeder, recording = self._computers.feeders[0], self.recording
         row = recording.bus[int(feeder["row"])]
         where = float(row["t_s"]), int(feeder["cycles_matched"])
         message = _name(recording, row["frame"])
         if feeder["matched"] == feeder["queued"]:
             return Difference(*where, message, "", "sent", "not sent")
-        given = self.script.queue[int(feeder["matched"]) & QUEUE_MASK]
+        given = self._script.queue[int(feeder["matched"]) & QUEUE_MASK]
         if given["can_id"] != row["frame"]["can_id"]:
             return Difference(*where, "answer", "", message, _name(recording, given))
         ours, theirs = (_values(recording, frame) for frame in (given, row["frame"]))
@@ -197,33 +236,6 @@ class Replayer:
             if value != ours[name]:
                 return Difference(*where, message, name, value, ours[name])
         return Difference(*where, message, "e2e_counter", *_counters(row["frame"], given))
-
-
-class _Search:
-    """Where ticks fell, found by trying; the best guess is kept even if none holds up."""
-
-    def __init__(self, replayer: Replayer, tries: int, start: tuple[int, I8]) -> None:
-        self._replayer = replayer
-        self._tries = tries
-        self.best = start
-
-    def ticks_from(self, ticks: I8, floor: int, row: int, matched: int) -> bool:
-        """Add ticks from row `floor` on until the answers agree; True once they do."""
-        if len(ticks) - len(self.best[1]) > TICKS_MAX:
-            return False
-        for place in self._replayer.places_for_a_tick(floor, row):
-            self._tries -= 1
-            if self._tries < 0:
-                return False
-            guess = np.append(ticks, place)
-            holds, found, reached = self._replayer.tried(guess, row)
-            if found <= matched:
-                continue
-            if found > self.best[0]:
-                self.best = found, guess
-            if holds or self.ticks_from(guess, place, reached, found):
-                return True
-        return False
 
 
 def _name(recording: Recording, frame: Frames) -> str:

@@ -1,6 +1,7 @@
 """What of a recording the flight computer heard, and what it answered."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,58 +12,109 @@ from flight_sw.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
 from flight_sw.load_image import LoadImage, parse_image
-from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT
-from sim_harness.telemetry.decode import NO_SLOT
+from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT, TIMED
 from sim_harness.telemetry.reader import Recording
 
 I8 = npt.NDArray[np.int64]
 
 COMPUTER, GROUND = "FSW", "HARNESS"
-BY_EXECUTIVE = ("FSW_BOOT", "FSW_TIMING")  # sent by the process around the minor frame
+TIMING = "FSW_TIMING"
 BOOT, BOOT_STATE, BOOT_LOAD, READY = "FSW_BOOT", "state", "load_crc32", "READY"
 REPORTS = "RX_HEALTH_"
 LOAD_SUFFIX = ".load"
 COMMAND_NAME, STATUS_NAME = "FSW_COMMAND", "FSW_STATUS"
+RECEPTION_NAME = "RX_HEALTH_C"
 
 
-def kinds_of(recording: Recording) -> I8:
-    """HEARD, ANSWER, NEITHER or REPORT for every row of the bus.
+class Heard(NamedTuple):
+    """What of a recording's rows its computer heard, and when its clock closed a cycle."""
 
-    Where a third sender is on the bus, what the computer heard of it before it was ready and in
-    which order is not known: its reports of refused frames may then count otherwise.
+    kinds: I8
+    """HEARD, ANSWER, NEITHER, REPORT or TIMED, for each row."""
+    ticks: I8
+    """Frames heard before each tick that closed a cycle, ascending."""
+
+
+def heard_by_computer(recording: Recording) -> Heard:
+    """The rows that a computer heard, from where it says that it is ready.
 
     A frame with an identifier of the computer's but a wrong checksum was not sent by it: it heard
     it, like everything else on a hub. Its CAN socket hears the ground's identifiers alone.
     """
+    kinds = kinds_of(recording)
+    kinds[: _ready_at(recording)] = NEITHER
+    return Heard(kinds, np.zeros(0, np.int64))
+
+
+def kinds_of(recording: Recording) -> I8:
+    """The kind of every row, for a computer that heard from the first."""
     rows, slots = recording.bus, recording.slots
     messages = recording.decoder.messages
     can_id = rows["frame"]["can_id"]
     of_computer = np.array([*(m.sender == COMPUTER for m in messages), False])
-    by_executive = np.array([*(m.name in BY_EXECUTIVE for m in messages), False])
+    reports = np.array([*(m.name.startswith(REPORTS) for m in messages), False])
     kinds = np.full(len(rows), HEARD)
     kinds[of_computer[slots]] = ANSWER  # NO_SLOT is -1: the last entry
-    kinds[by_executive[slots]] = NEITHER
+    kinds[reports[slots]] = REPORT
+    boots = _rows_of(recording, BOOT)
+    kinds[boots] = np.where(_names_load(recording, boots), NEITHER, HEARD)
+    kinds[_rows_of(recording, TIMING)] = TIMED if is_paced(recording) else HEARD
     kinds[(can_id == TICK_ID) | (can_id & ERROR_FLAG != 0)] = NEITHER
-    if recording.manifest.get("bus", "").startswith("socketcan:"):
+    if not hears_all(recording):
         filtered = [m.can_id for m in messages if m.sender == GROUND]
         kinds[(kinds == HEARD) & ~np.isin(can_id, filtered)] = NEITHER
-    kinds[: _ready_at(recording)] = NEITHER
-    if np.any((kinds == HEARD) & (slots == NO_SLOT)) and recording.manifest.get("bus") != "memory":
-        reports = np.array([*(m.name.startswith(REPORTS) for m in messages), False])
-        kinds[(kinds == ANSWER) & reports[slots]] = REPORT
     return kinds
+
+
+def _names_load(recording: Recording, boots: I8) -> npt.NDArray[np.bool_]:
+    """Which FSW_BOOT name the load that flew: the others only look like the computer's."""
+    crc32 = recording.manifest.get("load_crc32")
+    named = _columns(recording, boots, BOOT)[BOOT_LOAD]
+    return named == int(crc32, 16) if crc32 else np.full(len(boots), True)
+
+
+def _rows_of(recording: Recording, message: str) -> I8:
+    if message not in {m.name for m in recording.decoder.messages}:
+        return np.zeros(0, np.int64)
+    return np.flatnonzero(recording.slots == recording.decoder.slot(message))
+
+
+def _columns(recording: Recording, rows: I8, message: str) -> Mapping[str, npt.NDArray[Any]]:
+    slot = recording.decoder.slot(message)
+    return recording.decoder.columns(slot, recording.bus["frame"]["data"][rows])
+
+
+class Reports(NamedTuple):
+    """What the computer told of its hearing, and what only looks so; arrays, a row a report."""
+
+    rows: I8
+    counters: I8
+    heard: I8
+    """Frames heard when the cycle was closed, modulo HEARD_MODULUS."""
+    ticked: npt.NDArray[np.bool_]
+
+
+def reports_of(recording: Recording) -> Reports:
+    """All reports of hearing in a recording, in bus order."""
+    rows = _rows_of(recording, RECEPTION_NAME)
+    columns = _columns(recording, rows, RECEPTION_NAME)
+    counters = (recording.bus["frame"]["data"][rows].astype(np.int64) >> 8) & 0xF
+    return Reports(rows, counters, columns["heard"].astype(np.int64), columns["ticked"] != 0)
+
+
+def hears_all(recording: Recording) -> bool:
+    """Whether the computer hears every frame; a CAN socket hears the ground's identifiers alone."""
+    return not recording.manifest.get("bus", "").startswith("socketcan:")
 
 
 def _ready_at(recording: Recording) -> int:
     """The row in which the computer first says that it listens; 0 for one that never boots."""
-    names = [message.name for message in recording.decoder.messages]
-    if BOOT not in names:
-        return 0
-    places = np.flatnonzero(recording.slots == recording.decoder.slot(BOOT))
-    _, columns = recording.message(BOOT)
-    ready = [value for value, name in recording.value_names(BOOT)[BOOT_STATE].items()
-             if name == READY]  # fmt: skip
-    says_so = np.isin(columns[BOOT_STATE], ready)
+    places = _rows_of(recording, BOOT)
+    columns = _columns(recording, places, BOOT)
+    names = recording.value_names(BOOT)[BOOT_STATE] if len(places) else {}
+    says_so = np.isin(
+        columns[BOOT_STATE], [value for value, name in names.items() if name == READY]
+    )
     if crc32 := recording.manifest.get("load_crc32"):
         says_so &= columns[BOOT_LOAD] == int(crc32, 16)  # a false frame names another load
     found = places[says_so]

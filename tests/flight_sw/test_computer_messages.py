@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.dictionary import FRAME, RX_CAPACITY
+from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID
 from tests.system.flights import (
     Computer,
     Frames,
@@ -129,4 +129,21 @@ def test_health_tells_what_was_refused(lqy_flight: Recorded) -> None:
     for letter in "ABC":
         last |= cantools_values(answers, f"RX_HEALTH_{letter}")[-1]
     told = {k: v for k, v in last.items() if v and not k.startswith("e2e")}
-    assert told == {"wrong_crc": 3, "wrong_length": 2}
+    sets = 1 + cantools_values(answers, "FSW_STATUS")[-1]["cycle"] // 50 * 50  # 50 a report
+    heard = 1 + len(bad[30, 1]) + 7 * sets  # a request, and seven messages a set
+    assert told == {"wrong_crc": 3, "wrong_length": 2, "heard": heard}
+
+
+def test_a_cycle_closed_by_a_tick_tells_so_and_what_was_heard_before(flight: Recorded) -> None:
+    computer = Computer(flight.made)
+    computer.feed(flight.navigation[:3].ravel())
+    computer.feed(flight.navigation[3, :4])
+    tick = np.zeros(1, FRAME)
+    tick["can_id"] = TICK_ID
+    answer = computer.feed(tick)
+    told = cantools_values(answer, "RX_HEALTH_C")
+    assert [(t["heard"], t["ticked"]) for t in told] == [(1 + 3 * 7 + 4, 1)]
+    assert cantools_values(answer, "RX_HEALTH_A") == []  # not due
+    after = computer.feed(flight.navigation[3:60].ravel())
+    told = cantools_values(after, "RX_HEALTH_C")
+    assert [(t["heard"], t["ticked"]) for t in told] == [(1 + 51 * 7 + 4, 0)]

@@ -258,6 +258,11 @@ def test_the_health_signals_carry_the_counters_and_stop_at_their_top(rx: np.ndar
             assert values[icd.value_index(message, signal)] == wanted
     assert values[icd.value_index("RX_HEALTH_B", "incomplete_sets")] == 8191
     assert values[icd.value_index("RX_HEALTH_C", "lost")] == 65535
+    heard = sum(100 + verdict for verdict in range(receiver.N_VERDICTS))
+    assert values[icd.value_index("RX_HEALTH_C", "heard")] == heard
+    rx["counted"][0, receiver.OK] += 524_288  # what 19 bits carry
+    report_counters(rx[0], 0, values)
+    assert values[icd.value_index("RX_HEALTH_C", "heard")] == heard
     rx["counted"] = 1 << 40
     report_counters(rx[0], 0, values)
     for message in names:

@@ -26,6 +26,7 @@ from sim_harness.bus.pump import (
     QUEUE_FRAMES,
     _deliver,
     _flush,
+    new_buffers,
     new_hub,
     pump,
 )
@@ -280,8 +281,7 @@ def test_a_folder_without_permission_is_told(
 
 @pytest.mark.jit_only
 def test_the_pump_allocates_nothing(fresh_compile: Callable[..., Any]) -> None:
-    frames, queues = np.zeros(64, FRAME), np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME)
-    kernel = fresh_compile(pump, new_hub(), queues, new_io(), frames)
+    kernel = fresh_compile(pump, new_hub(), new_buffers(tapped=True))
     text = kernel.inspect_asm(kernel.signatures[0])
     assert "sendmmsg" in text
     assert not [name for name in ALLOCATIONS if name in text]

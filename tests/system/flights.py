@@ -19,7 +19,8 @@ from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.histogram import HISTOGRAM
 from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
-from sim_harness.loop import BUS, HARNESS, TRUTHS, Logs, fly_in_memory
+from sim_harness.logs import BUS, TRUTHS, Logs
+from sim_harness.loop import HARNESS, fly_in_memory
 from sim_harness.mission import Mission, load_mission
 from sim_harness.port import put_request
 from sim_harness.telemetry.records import BUS_LOG

@@ -15,7 +15,7 @@ from flight_sw.computer import minor_frame
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from sim_harness import loop
 from sim_harness.jit import kernel
-from sim_harness.loop import Logs
+from sim_harness.logs import COMMANDS, Logs
 from sim_harness.world.records import END_CONDITION, FLYING
 from tests.system.flights import FLOWN, NAV_FRAMES, Computer, World, built, sha256
 
@@ -111,7 +111,7 @@ def calm_flight(law: str) -> World:
 
 def command_stream(world: World) -> str:
     """Hash over every command of a flight."""
-    return sha256(world.logs.commands[: int(world.harness["written"][0, loop.COMMANDS])])
+    return sha256(world.logs.commands[: int(world.harness["written"][0, COMMANDS])])
 
 
 @pytest.mark.parametrize("law", FLOWN)

@@ -11,7 +11,7 @@ import pytest
 
 from sim_harness.bus_flight import fly_bus
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory
-from sim_harness.loop import COMMANDS
+from sim_harness.logs import COMMANDS
 from sim_harness.mission import load_mission
 from sim_harness.summary import summary_of
 from tests.system.flights import Built, Computer, World

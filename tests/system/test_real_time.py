@@ -17,7 +17,8 @@ import pytest
 
 from sim_harness.bus_flight import BusFlight
 from sim_harness.flight import FlightRun
-from sim_harness.loop import COMMANDS, COMPUTER_SILENT
+from sim_harness.logs import COMMANDS
+from sim_harness.loop import COMPUTER_SILENT
 from sim_harness.pacing import HELD_RATIO
 from sim_harness.world.records import END_CONDITION, TIME_OUT
 from tests.rules.sources import ROOT

@@ -12,6 +12,7 @@ from flight_sw.errors import LoadError, RecordingError
 from flight_sw.load_image import image_bytes, parse_image
 from sim_harness.replay.open_loop import compare, spreads
 from sim_harness.replay.replayer import Replayer
+from sim_harness.replay.script import heard_by_computer
 from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import MISSION, Computer, built, cantools_values, commands
 from tests.system.paced import piece
@@ -244,7 +245,7 @@ def test_a_missing_load_is_named(tmp_path: Path) -> None:
 
 def test_the_load_that_flew_differs_nowhere_open_loop(flown: Path) -> None:
     recording = open_recording(flown)
-    compared = compare(recording, piece(SECONDS).image, np.zeros(0, np.int64))
+    compared = compare(recording, piece(SECONDS).image, heard_by_computer(recording))
     assert len(compared.t_s) == CYCLES and compared.missing == 0
     assert all(s.largest == 0.0 and s.rms == 0.0 for s in spreads(compared))
 
@@ -254,7 +255,7 @@ def test_another_load_open_loop_answers_as_a_computer_that_hears_the_same(flown:
     made = built("lqy", "tracking", 1650.0)
     body = made.image.body.copy()
     raw = image_bytes("lqy", MISSION, body)
-    compared = compare(recording, parse_image(raw, "other"), np.zeros(0, np.int64))
+    compared = compare(recording, parse_image(raw, "other"), heard_by_computer(recording))
     computer = Computer(made)
     rows = recording.bus["frame"]
     heard = rows[np.isin(rows["can_id"], [m.can_id for m in icd.LAYOUT if "NAV" in m.name])]

@@ -98,6 +98,14 @@ def test_lines_are_the_recorded_truth_in_the_units_of_the_titles(
         np.testing.assert_allclose(values, truth[field] * factor, rtol=1e-12)
 
 
+def test_a_bank_of_180_deg_is_not_drawn_as_one_of_minus_180(flights: Path, both: Review) -> None:
+    recorded = open_recording(flights / "two" / "flight.mcap").truth["bank_rad"]
+    assert recorded.min() < -3.14  # commanded are 0 to 180 deg, and this is the same attitude
+    _, values = both.line("/plots/bank/two/flown")
+    assert 179.9 < values.max() < 180.1
+    assert values.min() > -0.1
+
+
 def test_the_track_lies_above_the_sphere_by_the_altitude(flights: Path, one: Review) -> None:
     truth = open_recording(flights / "one" / "flight.mcap").truth
     (strip,) = one.content["/globe/flights/one/track"]["LineStrips3D:strips"][0]  # type: ignore[misc]

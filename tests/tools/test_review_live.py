@@ -2,6 +2,8 @@
 
 import json
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,7 +15,7 @@ import pytest
 
 from sim_harness.telemetry.reader import open_recording
 from tests.tools.test_review import Review, run
-from tools.review import live
+from tools.review import live, viewer
 from tools.review.stage import Stage
 
 pytestmark = pytest.mark.jit_only
@@ -84,6 +86,28 @@ def test_a_viewer_that_does_not_read_or_hangs_up_costs_the_flight_nothing(
     assert "the viewer is gone" in told or "the viewer was too slow" in told
 
 
+@pytest.mark.usefixtures("impatient")
+def test_a_window_closed_during_the_flight_is_told_once(
+    alone: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = subprocess.Popen(["true"])
+    closed.wait()
+    answers = iter([True])  # then no more
+
+    def is_sent(stage: Stage, within_s: float) -> bool:
+        if (answer := next(answers, None)) is None:
+            raise ConnectionError
+        return answer
+
+    monkeypatch.setattr(viewer, "open_live", lambda: ("nowhere", closed))
+    monkeypatch.setattr(Stage, "connect", lambda stage, _, plan: stage.save(tmp_path / "x", plan))
+    monkeypatch.setattr(Stage, "is_sent", is_sent)
+    status, out, told = run(*FLY, "--out", str(tmp_path / "a"), "--live")
+    assert status == 0
+    assert json.loads(out)["command_sha256"] == alone["command_sha256"]
+    assert told == f"{live.GONE}\n"
+
+
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
@@ -134,6 +158,27 @@ def test_the_live_view_draws_what_was_flown(
     modes = [state for (state,) in review.content["/states/mode"]["StateChange:state"]]  # type: ignore[misc]
     assert modes == ["COAST", "ENTRY"]  # told once each, however many pieces it came in
     assert "/charts/drag/flights/hyperion-1" in review.content
+
+
+@pytest.mark.skipif(
+    not any(Path("/usr/share/vulkan/icd.d").glob("*.json")), reason="no Vulkan driver to draw with"
+)
+def test_a_viewer_that_has_shown_a_flight_has_no_error_to_show(tmp_path: Path) -> None:
+    port = viewer.free_port()
+    with (tmp_path / "told").open("w+b") as log:
+        process = viewer.start(["--headless", "--port", str(port), "--hide-welcome-screen"], log)
+        try:
+            client = viewer._connected(process, port, log)
+            url = viewer.address(port)
+            command = [sys.executable, "-m", "tools.cli", *FLY, "--out", str(tmp_path / "a")]
+            subprocess.run([*command, "--viewer", url], check=True, capture_output=True)
+            time.sleep(1.0)  # an error comes when the flight's process is gone
+            (recording,) = client.get_state().recordings
+            lines = client.get_logs()
+        finally:
+            viewer.end(process)
+    assert "aeroshell" in recording.store_id
+    assert [line.message for line in lines if line.level == "ERROR"] == []
 
 
 class NoPainter:

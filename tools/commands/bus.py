@@ -5,6 +5,9 @@ import json
 import math
 import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,9 +34,19 @@ BitRate = Annotated[
 app = typer.Typer(help="The CAN bus between harness and flight computer.", no_args_is_help=True)
 
 
-def _wait_for_end() -> None:
-    """Return at Ctrl-C or SIGTERM; the signals stay blocked, so that a second one ends nothing."""
-    signal.sigwait(END_SIGNALS)
+@contextmanager
+def _end_signals() -> Iterator[threading.Event]:
+    """Ctrl-C and SIGTERM set an event here, so that a second one ends nothing.
+
+    They are not blocked and waited for: a library's thread, which blocks none, would be ended.
+    """
+    over = threading.Event()
+    before = {number: signal.signal(number, lambda *_: over.set()) for number in END_SIGNALS}
+    try:
+        yield over
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _print_statistics(stats: HubStats) -> None:
@@ -53,14 +66,10 @@ def hub(
     ] = True,
 ) -> None:
     """Run a bus on PATH until Ctrl-C or SIGTERM, then print what it moved."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
-    try:
-        with Hub(path, prompt=prompt) as running:
-            print(f"bus on {path}, Ctrl-C ends it", file=sys.stderr, flush=True)
-            _wait_for_end()
-            stats = running.stats
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with _end_signals() as over, Hub(path, prompt=prompt) as running:
+        print(f"bus on {path}, Ctrl-C ends it", file=sys.stderr, flush=True)
+        over.wait()
+        stats = running.stats
     _print_statistics(stats)
 
 

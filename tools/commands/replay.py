@@ -83,8 +83,8 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
         lines.append(f"{found.false_frames:,} frames on the bus posed as the flight computer's")
     if found.reports:
         lines.append(
-            f"{found.reports:,} reports of refused frames count otherwise: a third sender was on "
-            "the bus, and what the computer heard of it when is not known"
+            f"{found.reports:,} reports of the computer count other frames than are here: it heard "
+            "some that the recording lacks, or missed some"
         )
     if found.unanswered:
         lines.append(f"the flight computer did not answer the last {found.unanswered:,} frames")

@@ -152,7 +152,7 @@ class Chart(NamedTuple):
 
     def view_bounds(self) -> dict[str, Any]:
         """The part of the drawing to be seen: the frame and what stands around it."""
-        return {"x_range": (-110.0, WIDTH + 40.0), "y_range": (-85.0, HEIGHT + 120.0)}
+        return {"x_range": (-110.0, WIDTH + 80.0), "y_range": (-85.0, HEIGHT + 120.0)}
 
 
 FORBIDDEN: Rgba = (242, 84, 91, 255)

@@ -23,7 +23,7 @@ RATE_HZ = 10.0  # of a line; commands are shown at every minor frame
 FULL_RATE = ("FSW_COMMAND",)
 RATES = {"drag_rate_mps3": "drag_mps2", "heat_flux_rate_wpm2ps": "heat_flux_wpm2"}
 """Rates of change that are compared with what guidance estimates, and what of."""
-HEADING = "heading_rad"  # shown without its jump from 180 to -180 deg
+ROUND = ("heading_rad", "bank_rad")  # shown without their jumps from 180 to -180 deg
 BUS_COLUMNS = {
     "frames": 1.0,
     "bus_load": 100.0 * worst_frame_bits(FRAME_BYTES) / BITRATE_BPS,
@@ -68,7 +68,7 @@ def truth_column(flight: FlightData, name: str) -> tuple[F8, F8]:
     """A field of the truth, or a quantity derived from it; empty where there is none."""
     if flight.has(name):
         values = flight.truth[name].astype(float)
-        return flight.truth["t_s"], np.unwrap(values) if name == HEADING else values
+        return flight.truth["t_s"], np.unwrap(values) if name in ROUND else values
     if name in RATES and flight.has(RATES[name]):
         t_s = flight.truth["t_s"]
         rate: F8 = np.gradient(flight.truth[RATES[name]].astype(float), t_s.astype(float))

@@ -24,7 +24,7 @@ class Shape(NamedTuple):
     """What there is to be laid out."""
 
     panels: Sequence[tuple[Panel, float]]
-    """With the limit that each has to show, in the unit shown; NaN where the viewer may choose."""
+    """With what each has to reach up to, in the unit shown; NaN where the viewer may choose."""
     charts: tuple[Chart, Chart] | None
     planet: tuple[globe.Body, tuple[F8, F8, F8]] | None
     until_s: float
@@ -44,18 +44,20 @@ def time_axis(until_s: float) -> Any:
     return rrb.archetypes.TimeAxis(view_range=whole)
 
 
-def time_view(panel: Panel, top: float, until_s: float) -> Any:
-    """A plot over time; with a limit it begins at 0 and ends above it."""
+def time_view(panel: Panel, top: float, shape: Shape) -> Any:
+    """A plot over time; one with a top begins at 0 and ends above it."""
     import rerun.blueprint as rrb
 
     axis = rrb.ScalarAxis(range=(0.0, top * ROOM)) if np.isfinite(top) else None
     corner = rrb.Corner2D.RightTop if panel.tab == ENTRY else rrb.Corner2D.LeftTop
+    has_limit = bool(panel.limit) and np.isfinite(top)
+    is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_limit
     return rrb.TimeSeriesView(
         origin=f"/{panel.path}",
         name=panel.heading,
         axis_y=axis,
-        axis_x=time_axis(until_s),
-        plot_legend=rrb.PlotLegend(corner=corner),
+        axis_x=time_axis(shape.until_s),
+        plot_legend=rrb.PlotLegend(corner=corner, visible=bool(is_told_apart)),
         background=rrb.archetypes.PlotBackground(color=BACKGROUND, show_grid=True),
     )
 
@@ -100,9 +102,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
 
     play: Any = "paused" if np.isfinite(shape.until_s) else "following"
     plots = {
-        name: [
-            time_view(panel, top, shape.until_s) for panel, top in shape.panels if panel.tab == name
-        ]
+        name: [time_view(panel, top, shape) for panel, top in shape.panels if panel.tab == name]
         for name in (ENTRY, TRAJECTORY, GUIDANCE, BUS)
     }
     states = rrb.StateTimelineView(
@@ -133,7 +133,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
         tabs.append(rrb.Vertical(sheet, name=FLIGHTS))
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=[t.name for t in tabs].index(tab)),
-        rrb.TopPanel(state="collapsed"),
+        rrb.TopPanel(state="expanded"),  # on Linux the window's own buttons stand in it
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state=play),

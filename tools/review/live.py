@@ -200,6 +200,8 @@ class LiveView:
         )
 
     def _fail(self, sentence: str) -> None:
+        if self.failure:
+            return
         self.failure = sentence
         self._queue.clear()
         self._tell(sentence)
@@ -249,7 +251,8 @@ class Painter:
             is_sent = stage.is_sent(SENT_WITHIN_S)
         if is_sent:
             self._draw(*EMPTY, is_whole=True)
-            stage.is_sent(LAST_WITHIN_S)
+            if stage.is_sent(LAST_WITHIN_S):
+                stage.stream.disconnect()  # or the viewer shows its user an error
 
     def _draw(self, bus: Rows, truth: Rows, log: list[LogLine], *, is_whole: bool) -> None:
         stage, look = self._stage, self._look
@@ -295,7 +298,7 @@ def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Pan
     fields = tuple(flight.mission.truth().dtype.names or ()) if flight.mission else ()
     panels = [*PANELS, *(TO_GO if target_of(flight) else ())]
     panels += [*telemetry_panels(sent, fields), *bus_panels(sent)]
-    return [(panel, top_of(panel, [flight])) for panel in panels]
+    return [(panel, top_of(panel, [flight]) if panel.limit else np.nan) for panel in panels]
 
 
 def charts_for(flight: LiveFlight) -> tuple[Chart, Chart]:

@@ -9,7 +9,16 @@ from tools.review.columns import column, target_of, thinned, truth_fields
 from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
 from tools.review.layout import Shape
 from tools.review.palette import palette
-from tools.review.panels import GUIDANCE, IDLE, PANELS, TO_GO, Panel, bus_panels, telemetry_panels
+from tools.review.panels import (
+    BUS,
+    GUIDANCE,
+    IDLE,
+    PANELS,
+    TO_GO,
+    Panel,
+    bus_panels,
+    telemetry_panels,
+)
 from tools.review.sheet import sheet
 from tools.review.source import FlightData
 from tools.review.stage import Stage
@@ -50,12 +59,24 @@ def _has(panel: Panel, flight: FlightData) -> bool:
 
 
 def top_of(panel: Panel, flights: list[FlightData]) -> float:
-    """What a plot has to reach up to; NaN leaves it to the viewer."""
+    """What a plot that begins at 0 has to reach up to; NaN leaves both ends to the viewer."""
+    if panel.tab == BUS:
+        return _highest(panel, flights)
     if not panel.limit:
         return np.nan
     limits = [plots.limit_of(panel, flight) for flight in flights]
     limits = [limit for limit in limits if np.isfinite(limit)]
     return max(limits, default=np.nan)
+
+
+def _highest(panel: Panel, flights: list[FlightData]) -> float:
+    """The highest of a panel's values, which are mostly constant: the viewer alone would show a
+    count of none between -1 and 1."""
+    found = [column(f, line.message, line.field)[1] for f in flights for line in panel.lines]
+    values = np.concatenate([np.zeros(0), *found])
+    if not len(values) or values.min() < 0.0:
+        return np.nan
+    return float(values.max()) or 1.0
 
 
 def _eye(flight: FlightData, body: globe.Body) -> tuple[F8, F8, F8]:

@@ -1,5 +1,7 @@
 """The sheet of facts: what was flown, how it ended, extremes beside limits, what is missing."""
 
+import math
+
 from tools.commands.info import DISPLAY
 from tools.flight_facts import extremes
 from tools.review.columns import minor_frames, missing_frames
@@ -50,7 +52,8 @@ def _flight(flight: FlightData) -> str:
         limit = ""
         if extreme["name"] in LIMITED:
             allowed = getattr(flight.limits, LIMITED[extreme["name"]])
-            limit = f"{allowed * shown(extreme['name']).factor:,.4g}"
+            factor_shown = shown(extreme["name"]).factor
+            limit = f"{allowed * factor_shown:,.4g}" if math.isfinite(allowed) else "none"
         lines.append(
             f"| {extreme['title']} | {extreme['value'] * factor:,.3f} | {unit} | {limit} "
             f"| {extreme['t_s']:,.1f} |"

@@ -32,6 +32,14 @@ LEVELS = {
 }
 
 
+def quiet_rerun() -> Any:
+    """Rerun's library, which is to write nothing of its own on stderr."""
+    os.environ.setdefault("RUST_LOG", "off")
+    import rerun
+
+    return rerun
+
+
 def part(text: str) -> str:
     """A text as one part of an entity path."""
     return UNFIT.sub("_", text).strip("_") or "_"
@@ -41,10 +49,7 @@ class Stage:
     """A recording of Rerun's that is being filled."""
 
     def __init__(self, name: str, recording_id: str | None = None) -> None:
-        os.environ.setdefault("RUST_LOG", "off")  # nothing of the library's own on stderr
-        import rerun as rr
-
-        self.rr = rr
+        self.rr = rr = quiet_rerun()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         self.drawn: set[tuple[str, float]] = set()  # limits, by panel: one line for all flights
         self._name = name

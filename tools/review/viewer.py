@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
-from tools.review.stage import TIMELINE
+from tools.review.stage import TIMELINE, quiet_rerun
 
 if TYPE_CHECKING:
     from sim_harness.flight import FlightRun
@@ -26,7 +26,10 @@ START_S, LOAD_S, NOTICES_S = (
 )  # longest waits; how long a notice stays in the picture
 LOOK_S, ANSWER_S = 0.25, 3.0
 SCHEMES = ("rerun", "rerun+http", "rerun+https")
-ENVIRONMENT = {"RERUN_APP_ONLY": "true"}
+ENVIRONMENT = {"RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}  # its last word is what we tell
+HERE = "127.0.0.1"  # Rerun's own default lets any machine send to the viewer
+LOST = (ConnectionError, RuntimeError)
+"""What a client raises whose viewer is gone, or does not answer."""
 
 
 class ViewerError(AeroshellError):
@@ -45,7 +48,7 @@ def executable() -> str:
 def free_port() -> int:
     """A port that nothing listens on."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind((HERE, 0))
         return int(probe.getsockname()[1])
 
 
@@ -58,7 +61,7 @@ def needs_display() -> bool:
 def start(arguments: list[str], log: Any) -> "subprocess.Popen[bytes]":
     """The viewer with these arguments, its messages going to `log`."""
     return subprocess.Popen(
-        [executable(), *arguments],
+        [executable(), "--bind", HERE, *arguments],
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,
@@ -76,7 +79,11 @@ def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
     port = free_port()
     log = tempfile.TemporaryFile()
     process = start(["--port", str(port), "--hide-welcome-screen"], log)
-    _connected(process, port, log)
+    try:
+        _connected(process, port, log)
+    except BaseException:
+        end(process)
+        raise
     return address(port), process
 
 
@@ -120,7 +127,7 @@ def reachable(url: str) -> str:
 
 def address(port: int) -> str:
     """Where a viewer of this machine listens."""
-    return f"rerun+http://127.0.0.1:{port}/proxy"
+    return f"rerun+http://{HERE}:{port}/proxy"
 
 
 def open_window(file: Path, at_s: float) -> None:
@@ -133,9 +140,25 @@ def open_window(file: Path, at_s: float) -> None:
     port = free_port()
     with tempfile.TemporaryFile() as log:
         process = start(["--port", str(port), "--hide-welcome-screen", str(file)], log)
-        client = _connected(process, port, log)
-        _await_loaded(client, process)
-        client.set_time(TIMELINE, duration=at_s, play_state="paused")
+        try:
+            client = _connected(process, port, log)
+            _await_loaded(client, process)
+            client.set_time(TIMELINE, duration=at_s, play_state="paused")
+        except LOST as error:
+            if not _was_closed(process):
+                raise ViewerError(f"the Rerun viewer ended too early ({error})") from error
+        except BaseException:
+            end(process)
+            raise
+
+
+def _was_closed(process: "subprocess.Popen[bytes]") -> bool:
+    """Whether its user closed the window, rather than that it failed."""
+    try:
+        return process.wait(timeout=ANSWER_S) == 0
+    except subprocess.TimeoutExpired:
+        end(process)
+        return False
 
 
 def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WINDOW) -> None:
@@ -149,11 +172,12 @@ def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WIN
         try:
             client = _connected(process, port, log)
             _await_loaded(client, process)
+            client.run_command("ui.toggle_top_panel")
             client.set_time(TIMELINE, duration=at_s, play_state="paused")
             time.sleep(max(began_s + NOTICES_S - time.monotonic(), 1.0))
             client.save_screenshot(str(out.resolve()))
             _await_file(out, process)
-        except RuntimeError as error:
+        except LOST as error:
             raise ViewerError(f"the Rerun viewer gave no picture: {error}") from error
         finally:
             end(process)
@@ -171,15 +195,14 @@ def end(process: "subprocess.Popen[bytes]") -> None:
 
 def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
     """A client of the viewer once it listens."""
-    from rerun.experimental import ViewerClient
-
+    client_of = quiet_rerun().experimental.ViewerClient
     deadline_s = time.monotonic() + START_S
     while time.monotonic() < deadline_s:
         if process.poll() is not None:
             break
         with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                return ViewerClient.connect(address(port))
+            if probe.connect_ex((HERE, port)) == 0:
+                return client_of.connect(address(port))
         time.sleep(LOOK_S)
     log.seek(0)
     why = _last_line(log.read())
@@ -191,7 +214,9 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
 
 def _await_loaded(client: Any, process: "subprocess.Popen[bytes]") -> None:
     deadline_s = time.monotonic() + LOAD_S
-    while time.monotonic() < deadline_s and process.poll() is None:
+    while time.monotonic() < deadline_s:
+        if process.poll() is not None:
+            raise ConnectionError("no answer")
         state = client.get_state()
         if state.recordings and not state.loading:
             return
