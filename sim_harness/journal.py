@@ -13,6 +13,7 @@ import contextlib
 import errno
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,11 +29,11 @@ from sim_harness.telemetry.records import BUS_LOG
 Rows = npt.NDArray[np.void]
 
 SUFFIX = ".journal"
-MAGIC = b"AEROJRNL"
+MAGIC = b"AEROJRN2"  # the head has had a checksum since 2
 BLOCK_MAGIC = 0x4C4E524A
 KEEP_S = 0.25  # of flight, between two blocks
 BUS_ROWS, TRUTH_ROWS = 1, 2  # kinds of blocks
-HEAD_LENGTH_BYTES = 4
+HEAD_WORD_BYTES = 4  # of the head's length, and of its CRC-32
 BUS_ROW_BYTES = BUS_LOG.itemsize
 WORD_BYTES = 8
 SUM_START, SUM_FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3)  # FNV-1a
@@ -135,7 +136,7 @@ class Journal:
         text = json.dumps(head).encode()
         try:
             self._fd = os.open(self.path, flags, 0o644)
-            self._write(MAGIC + len(text).to_bytes(HEAD_LENGTH_BYTES, "little") + text)
+            self._write(MAGIC + _word(len(text)) + _word(zlib.crc32(text)) + text)
         except OSError as error:
             self._end(error.errno or errno.EIO)
 
@@ -198,6 +199,10 @@ def journal_path(recording: Path) -> Path:
     return recording.with_name(recording.name + SUFFIX)
 
 
+def _word(number: int) -> bytes:
+    return number.to_bytes(HEAD_WORD_BYTES, "little")
+
+
 def _offset(dtype: np.dtype, name: str) -> int:
     fields: Any = dtype.fields
     return int(fields[name][1])
@@ -233,17 +238,19 @@ class Kept(NamedTuple):
 
 
 def read_journal(recording: Path) -> Kept | None:
-    """The journal beside a recording; None if there is none, or not even its head."""
+    """The journal beside a recording; None if there is none, or its head is not whole."""
     try:
         content = journal_path(recording).read_bytes()
-        start = len(MAGIC) + HEAD_LENGTH_BYTES
-        if content[: len(MAGIC)] != MAGIC:
-            return None
-        size = int.from_bytes(content[len(MAGIC) : start], "little")
-        head = json.loads(content[start : start + size])
-        truth = _dtype(head["truth"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except OSError:
         return None
+    length_at, crc_at = len(MAGIC), len(MAGIC) + HEAD_WORD_BYTES
+    start = crc_at + HEAD_WORD_BYTES
+    size = int.from_bytes(content[length_at:crc_at], "little")
+    text = content[start : start + size]
+    if content[:length_at] != MAGIC or _word(zlib.crc32(text)) != content[crc_at:start]:
+        return None
+    head = json.loads(text)
+    truth = _dtype(head["truth"])
     blocks: dict[int, list[Rows]] = {BUS_ROWS: [], TRUTH_ROWS: []}
     types_of = {BUS_ROWS: BUS_LOG, TRUTH_ROWS: truth}
     at = start + size

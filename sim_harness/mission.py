@@ -35,6 +35,7 @@ from sim_harness.mission_keys import (
     Vehicle,
 )
 from sim_harness.navigation_keys import Navigation
+from sim_harness.place_keys import NoFlyZone, Waypoint
 from sim_harness.quantities import Section, Text, is_name, refusal
 
 SHIPPED = Path(__file__).parent / "missions"
@@ -59,6 +60,8 @@ class Mission(Section):
     heating: Heating | None = None
     entry: Entry
     target: Target | None = None
+    waypoints: list[Waypoint] = Field(default=[])
+    no_fly_zones: list[NoFlyZone] = Field(default=[])
     limits: Limits = Limits()
     end: End = End()
     actuators: Actuators = Actuators()

@@ -1,12 +1,16 @@
 """What a recording says of its flight: manifest, modes, events, extremes, completeness."""
 
+import re
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flight_sw.errors import RecordingError
+from flight_sw.guidance import LAWS
 from sim_harness.telemetry.events import MODE, changes
-from sim_harness.telemetry.reader import Recording
+from sim_harness.telemetry.reader import DBC_SUFFIX, Recording
+from sim_harness.telemetry.records import LogLine
 from sim_harness.telemetry.wire import groups_of
 
 
@@ -32,6 +36,19 @@ EXTREMES = (
     Extreme("heat load", "heat_load_jpm2", True),
     Extreme("ground range", "ground_range_m", True),
 )
+
+
+def phases_of(manifest: Mapping[str, str]) -> dict[int, str]:
+    """The names of the law's phases, of this version's law of that name."""
+    law: Any = LAWS.get(manifest.get("law", ""))
+    return dict(enumerate(getattr(law, "PHASES", ())))
+
+
+def named(text: str, phases: Mapping[int, str]) -> str:
+    """An event of the guidance phase with the phases' names, which the bus does not carry."""
+    if not text.startswith("guidance phase "):
+        return text
+    return re.sub(r"\d+", lambda found: phases.get(int(found[0]), found[0]), text)
 
 
 def modes(recording: Recording) -> list[dict[str, Any]]:
@@ -68,8 +85,18 @@ def extremes(recording: Recording) -> list[dict[str, Any]]:
     return found
 
 
+def _log(recording: Recording) -> list[LogLine]:
+    """The log; none where it is to be read from a journal without a DBC."""
+    try:
+        return recording.log
+    except RecordingError:
+        return []
+
+
 def facts(recording: Recording) -> dict[str, Any]:
     """The object that `aeroshell info --json` prints."""
+    has_dbc = any(name.endswith(DBC_SUFFIX) for name in recording.attachments)
+    phases = phases_of(recording.manifest)
     return {
         "path": str(recording.path),
         "bytes": recording.path.stat().st_size,
@@ -81,14 +108,14 @@ def facts(recording: Recording) -> dict[str, Any]:
         "frames": len(recording.bus),
         "minor_frames": len(groups_of(recording.bus["t_s"])),
         "missing_minor_frames": recording.missing_minor_frames,
-        "frames_not_decoded": recording.frames_not_decoded,
+        "frames_not_decoded": recording.frames_not_decoded if has_dbc else None,
         "truth_rows": len(recording.truth),
         "attachments": {name: len(data) for name, data in recording.attachments.items()},
-        "is_of_this_dbc": recording.has_our_dbc,
+        "is_of_this_dbc": recording.has_our_dbc if has_dbc else None,
         "modes": modes(recording),
         "events": [
-            {"t_s": line.t_s, "level": line.level.name, "text": line.text}
-            for line in sorted(recording.log, key=lambda line: line.t_s)
+            {"t_s": line.t_s, "level": line.level.name, "text": named(line.text, phases)}
+            for line in sorted(_log(recording), key=lambda line: line.t_s)
         ],
         "extremes": extremes(recording),
     }

@@ -1,5 +1,7 @@
 """A recording as tables: every CAN message at its full rate, the truth, the log, the raw frames."""
 
+import contextlib
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from flight_sw.errors import RecordingError
 from sim_harness.telemetry.reader import Recording
 
 F8 = npt.NDArray[np.float64]
+PART = ".part"  # of the name of a file that is not whole yet
 Column = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
 
@@ -70,14 +73,27 @@ def export(recording: Recording, form: str, out: Path, *, force: bool) -> list[P
     if form not in WRITERS:
         raise RecordingError(f"--format {form}: allowed are {', '.join(WRITERS)}")
     content = {out / f"{name}.{form}": table for name, table in tables(recording)}
+    if not content:
+        raise RecordingError(f"{recording.path}: holds no frame and no sample, nothing to export")
     if not force and (there := [path.name for path in content if path.exists()]):
         raise RecordingError(f"--out {out}: holds {there[0]} already, --force replaces it")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for path, table in content.items():
-            unfinished = path.with_suffix(path.suffix + ".part")
-            WRITERS[form](table, unfinished)
-            unfinished.replace(path)
     except OSError as error:
         raise RecordingError(f"--out {out}: cannot be written, {error.strerror}") from error
+    for path, table in content.items():
+        write_table(table, path)
     return list(content)
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table in the form that its name ends in, whole or not at all."""
+    unfinished = path.with_name(path.name + PART)
+    try:
+        WRITERS[path.suffix.removeprefix(".")](table, unfinished)
+        unfinished.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            unfinished.unlink()
+        why = os.strerror(error.errno) if error.errno else error.strerror or str(error)
+        raise RecordingError(f"--out {path}: cannot be written, {why}") from error

@@ -16,10 +16,11 @@ from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up
 from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_computer
 from sim_harness.telemetry.reader import Recording, load_kernels, open_recording
-from tools.flight_tables import WRITERS
+from tools.flight_tables import WRITERS, write_table
 
 LONG_S = 2.0  # a wait that takes longer is spoken of
 RAD_SUFFIX = "_rad"
+NOTHING = "holds no minor frame that its flight computer answered, nothing is to be compared"
 
 
 @contextmanager
@@ -50,6 +51,8 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
         warm_up(image)
     warm_s = time.perf_counter()
     found = Replayer(recording, image).run()
+    if not found.cycles and found.difference is None:
+        raise RecordingError(f"{recording.path}: {NOTHING}")
     return recording, found, time.perf_counter() - warm_s + opened_s - start_s
 
 
@@ -57,7 +60,10 @@ def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compa
     """A recording, and what another load would have commanded of it."""
     recording, image = open_recording(flight), read_image(load)
     with patience(f"compiling law '{image.law}' for this processor, once"):
-        return recording, image, compare(recording, image, _heard(recording))
+        compared = compare(recording, image, _heard(recording))
+    if not len(compared.t_s):
+        raise RecordingError(f"{recording.path}: {NOTHING}")
+    return recording, image, compared
 
 
 def _heard(recording: Recording) -> Heard:
@@ -88,9 +94,4 @@ def write_compared(compared: Compared, out: Path) -> None:
             in_deg = name.endswith(RAD_SUFFIX)
             shown = name.removesuffix(RAD_SUFFIX) + ("_deg" if in_deg else "")
             columns[f"{side}_{shown}"] = np.degrees(column) if in_deg else column
-    unfinished = out.with_name(out.name + ".part")
-    try:
-        WRITERS[out.suffix.removeprefix(".")](pa.table(columns), unfinished)
-        unfinished.replace(out)
-    except OSError as error:
-        raise RecordingError(f"--out {out}: cannot be written, {error.strerror}") from error
+    write_table(pa.table(columns), out)

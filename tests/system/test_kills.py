@@ -8,9 +8,11 @@ import json
 import mmap
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -203,13 +205,36 @@ def test_a_journal_with_a_flipped_byte_is_read_up_to_it(left: Path) -> None:
     assert Replayer(harmed).run().is_identical
 
 
-@pytest.mark.parametrize("damage", [b"", b"AEROJRNL", b"AEROJRNL\xff\xff\xff\xff{", b"no journal"])
+HEAD = b'{"recording": "one", "truth": []}'
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        b"", b"AEROJRN2", b"AEROJRN2\xff\xff\xff\xff{", b"no journal",
+        b"AEROJRNL" + struct.pack("<I", len(HEAD)) + HEAD,
+        b"AEROJRN2" + struct.pack("<II", len(HEAD), zlib.crc32(HEAD) ^ 1) + HEAD,
+    ],
+)  # fmt: skip
 def test_a_journal_that_is_none_is_left_alone(left: Path, damage: bytes) -> None:
     journal_path(left).write_bytes(damage)
     assert open_recording(left).from_journal_s == 0.0
 
 
+@pytest.mark.parametrize("part", [b"recording", b"lat_rad", b"<f8", b", 24]"])
+def test_a_journal_with_a_flipped_byte_in_its_head_is_left_alone(left: Path, part: bytes) -> None:
+    path = journal_path(left)
+    content = bytearray(path.read_bytes())
+    content[content.index(part) + len(part) // 2] ^= 0x02  # an offset, a type or a name is another
+    path.write_bytes(content)
+    assert open_recording(left).from_journal_s == 0.0
+
+
 def test_the_journal_of_another_flight_is_not_taken(left: Path) -> None:
     path = journal_path(left)
-    path.write_bytes(path.read_bytes().replace(b'"one"', b'"two"', 1))
+    content = path.read_bytes()
+    (size,) = struct.unpack_from("<I", content, 8)
+    rest = content[16:]
+    head = rest[:size].replace(b'"one"', b'"two"', 1)
+    path.write_bytes(b"AEROJRN2" + struct.pack("<II", size, zlib.crc32(head)) + head + rest[size:])
     assert open_recording(left).from_journal_s == 0.0

@@ -178,6 +178,20 @@ def test_a_torn_recording_replays_to_its_end_and_says_so(tmp_path: Path, flown: 
     assert "the recording is incomplete, replayed until " in told.stdout
 
 
+def test_a_recording_without_an_answer_is_no_identical_one(tmp_path: Path) -> None:
+    bench = Bench("lqy", 5)
+    path = record(bench.made, bench.rows[:0], tmp_path / "a.mcap")
+    load = tmp_path / "a.load"
+    load.write_bytes(bench.made.raw)
+    for more in ((), ("--load", str(load))):
+        told = run("replay", path, *more)
+        assert (told.exit_code, told.stdout) == (1, "")
+        assert str(told.exception).endswith(
+            "a.mcap: holds no minor frame that its flight computer answered, "
+            "nothing is to be compared"
+        )
+
+
 def test_another_dbc_is_refused_with_both_hashes_and_still_exported(tmp_path: Path) -> None:
     bench = Bench("lqy", 20)
     for _ in range(20):

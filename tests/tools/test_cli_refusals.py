@@ -1,5 +1,7 @@
 """What the command line refuses: one clear sentence, a status above zero, nothing left behind."""
 
+import errno
+import os
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -143,3 +145,35 @@ def test_wrong_usage_has_its_own_status(run: Run) -> None:
     assert run("fly")[0] == 2
     assert run("fly", "hyperion-1", "--seed", "-1")[0] == 2
     assert run("nonsense")[0] == 2
+
+
+def test_a_refused_telemetry_rate_leaves_no_folder(run: Run, tmp_path: Path) -> None:
+    status, out, err = run("fly", "hyperion-1", "--telemetry-rate", "0", "--out", "a")
+    assert (status, out) == (1, "")
+    assert err == "aeroshell: --telemetry-rate 0: allowed are above 0 to 1000 Hz\n"
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_load_made_for_the_flight_that_cannot_be_stored_leaves_no_folder(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("tools.gains.image.write_atomically", full)
+    status, out, err = run("fly", "hyperion-1", "--set", "lead_s=10", "--out", "a")
+    assert (status, out) == (1, "")
+    assert err == "aeroshell: a/lqy.load: cannot be written, No space left on device\n"
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.jit_only
+def test_a_summary_that_cannot_be_written_does_not_take_the_result_with_it(
+    run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "a" / "summary.json.new").mkdir(parents=True)
+    flight = ("fly", "hyperion-1", "--bus", "memory", "--set", "time_max_s=1", "--no-record")
+    status, out, err = run(*flight, "--out", "a")
+    assert status == 1
+    assert "50 minor frames on bus memory" in out
+    assert err.splitlines()[-1] == "aeroshell: a/summary.json: cannot be written, Is a directory"

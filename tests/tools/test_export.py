@@ -1,5 +1,6 @@
 """`aeroshell export` writes tables that hold what was recorded, to the last bit."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,19 @@ from typer.testing import CliRunner, Result
 from flight_sw import icd
 from flight_sw.errors import RecordingError
 from sim_harness.telemetry.reader import open_recording
-from tests.sim_harness.recordings import DATABASE, DT_S, bus_rows, record, truth_rows, values_of
+from sim_harness.telemetry.recorder import Recorder
+from tests.sim_harness.recordings import (
+    DATABASE,
+    DBC,
+    DT_S,
+    MANIFEST,
+    bus_rows,
+    record,
+    truth_rows,
+    values_of,
+)
 from tools.commands.export import export
+from tools.flight_tables import WRITERS
 
 CYCLES = range(50)
 
@@ -109,6 +121,43 @@ def test_a_folder_that_cannot_be_made_is_refused(flight: Path) -> None:
     refused = run(str(flight), "--out", str(flight / "below")).exception
     assert isinstance(refused, RecordingError)
     assert str(refused).endswith("below: cannot be written, Not a directory")
+
+
+def test_the_folder_of_a_recording_stands_for_it(
+    flight: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(flight.parent)
+    for name in (".", str(flight.parent)):
+        assert run(name, "--format", "csv", "--force").exit_code == 0
+    assert sorted(path.name for path in flight.parent.iterdir()) == ["flight-csv", "flight.mcap"]
+
+
+def test_a_recording_without_a_row_is_refused(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", MANIFEST, DBC):
+        pass
+    content = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(content[: content.index(b"aeroshell.outcome")])
+    refused = run(str(tmp_path / "a.mcap"))
+    assert str(refused.exception).endswith(
+        "a.mcap: holds no frame and no sample, nothing to export"
+    )
+    assert refused.stderr == "" and not (tmp_path / "a-parquet").exists()
+
+
+def test_a_full_disk_is_told_and_leaves_no_piece_of_a_file(
+    flight: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(table: object, path: Path) -> None:
+        path.write_text("t_s")
+        if path.name.startswith("NAV_VERTICAL"):
+            raise OSError(errno.ENOSPC, "Error writing bytes to file")
+
+    monkeypatch.setitem(WRITERS, "csv", write)
+    refused = run(str(flight), "--format", "csv").exception
+    assert isinstance(refused, RecordingError)
+    assert str(refused).endswith("NAV_VERTICAL.csv: cannot be written, No space left on device")
+    left = [path.name for path in flight.with_name("flight-csv").iterdir()]
+    assert sorted(left) == ["FSW_COMMAND.csv", "NAV_POSITION.csv"]
 
 
 def test_a_cut_recording_is_exported_as_far_as_it_goes_and_says_so(flight: Path) -> None:

@@ -12,7 +12,7 @@ from flight_sw.errors import RecordingError
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel
 from tests.sim_harness.recordings import DBC, DT_S, MANIFEST, drain, one_message
-from tools.commands.info import info
+from tools.commands.info import _state, info
 
 TRUTH = np.dtype(
     [("t_s", "f8"), ("alt_m", "f8"), ("heat_flux_wpm2", "f8"), ("heat_flux_max_wpm2", "f8")]
@@ -131,6 +131,34 @@ def test_a_spoilt_frame_and_another_dbc_are_told(tmp_path: Path) -> None:
     shown = run(str(tmp_path / "a.mcap")).stdout
     assert "; 1 frames of no known form; read through its own DBC" in shown
     assert "  0.00 s  COAST\n" in shown and "SAFE" not in shown
+
+
+@pytest.mark.parametrize("into_dbc", [-20, 100])
+def test_a_recording_cut_before_its_dbc_tells_its_manifest(tmp_path: Path, into_dbc: int) -> None:
+    path = tmp_path / "a.mcap"
+    with Recorder(path, MANIFEST, DBC):
+        pass
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"aeroshell.dbc") + into_dbc])
+    shown = run(str(path)).stdout
+    assert shown.startswith(f"{path}: incomplete, its recorder was cut off; it holds 0.00 s")
+    assert "; no DBC is attached, its frames are not decoded\n" in shown
+    assert "  mission            test-1\n" in shown
+
+
+def test_a_guidance_phase_has_the_name_that_its_law_gives_it(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", {"law": "drag-state"}, DBC) as recorder:
+        recorder.write_bus(one_message("FSW_STATUS", [{"phase": p} for p in (0, 0, 1, 7)]))
+    shown = run(str(tmp_path / "a.mcap")).stdout
+    assert "guidance phase waiting\n" in shown
+    assert "guidance phase tracking, was waiting\n" in shown
+    assert "guidance phase 7, was tracking\n" in shown
+
+
+@pytest.mark.parametrize(("from_journal_s", "told"), [(0.0, ""), (0.004, ""), (0.01, "0.01 s")])
+def test_of_the_journal_is_told_what_two_decimals_show(from_journal_s: float, told: str) -> None:
+    found = {"path": "a", "is_complete": False, "until_s": 9.0, "from_journal_s": from_journal_s}
+    assert _state(found).partition(", the last ")[2].partition(" in its journal")[0] == told
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

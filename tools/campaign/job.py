@@ -39,7 +39,8 @@ from tools.overrides import (
 )
 
 Tree = dict[str, Any]
-NOT_FLOWN_WITH = ("dispersions", "requirements")  # tables of a mission that no flight reads
+NOT_FLOWN_WITH = ("dispersions", "requirements", "waypoints", "no_fly_zones")
+"""Tables of a mission that no flight reads."""
 
 
 class Job(NamedTuple):

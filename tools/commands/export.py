@@ -18,10 +18,11 @@ def export(
     from tools.flight_tables import export as write
 
     recording = open_recording(flight)
+    folder = out or recording.path.with_name(f"{recording.path.stem}-{form}")
+    written = write(recording, form, folder, force=force)
     if not recording.is_complete:
         sys.stderr.write(
             f"{flight}: incomplete, exported is the flight until {recording.until_s:.2f} s\n"
         )
-    folder = out or flight.with_name(f"{flight.stem}-{form}")
-    for path in write(recording, form, folder, force=force):
+    for path in written:
         print(path)

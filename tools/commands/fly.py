@@ -41,6 +41,11 @@ FromCampaign = Annotated[
     Path | None, typer.Option("--from", help="folder of a campaign: fly one run of it again")
 ]
 LoadFile = Annotated[Path | None, typer.Option(help="load image to fly instead of the gains'")]
+OutFolder = Annotated[Path | None, typer.Option(help="folder of its files [default: below runs/]")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
+]
 RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
 
 
@@ -203,17 +208,12 @@ def fly(
     synchronisation: Annotated[
         str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
     ] = "frame",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
-    ] = None,
+    settings: Settings = None,
     load: LoadFile = None,
     seed: Annotated[
         int, typer.Option(min=0, max=SEED_MAX, help="of noise, drop-outs, profiles of the air")
     ] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="folder of its files [default: below runs/]")
-    ] = None,
+    out: OutFolder = None,
     telemetry_rate: TelemetryRate = 10.0,
     record: Annotated[bool, typer.Option("--record/--no-record", help="write flight.mcap")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="print only the summary's JSON")] = False,
@@ -223,6 +223,7 @@ def fly(
     external_computer: ExternalComputer = False,
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
+    from flight_sw.errors import FlightError
     from sim_harness.flight import FlightPlan
     from tools.review.viewer import Live
 
@@ -230,25 +231,28 @@ def fly(
     prepared, seed, then = _what_to_fly(own, campaign, run)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
+    rate_hz = checked_rate(telemetry_rate)
     folder = Folder(out, prepared.mission.name, prepared.law, force)
     plan = FlightPlan(
         mission=prepared.mission,
         law=prepared.law,
         load_image=prepared.load_image,
-        load_path=_load_path(prepared, folder.path),
+        load_path=_load_path(prepared, folder),
         bus=bus,
         seed=seed,
-        truth_rate_hz=checked_rate(telemetry_rate),
+        truth_rate_hz=rate_hz,
         recorded=record or live or viewer is not None,
         own_computer=not external_computer,
         pace=factor,
         synchronisation=synchronisation,
     )
-    summary = _fly(plan, folder, as_json, Live(live, viewer), record)
+    summary, unwritten = _fly(plan, folder, as_json, Live(live, viewer), record)
     if not as_json:
         _show(summary, prepared, folder.path)
     if campaign is not None and run is not None:
         _compare(campaign, run, then, summary)
+    if unwritten:
+        raise FlightError(unwritten)
 
 
 def _what_to_fly(
@@ -282,29 +286,44 @@ def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[st
     sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
 
 
-def _load_path(prepared: "Prepared", folder: Path) -> Path:
+def _load_path(prepared: "Prepared", folder: Folder) -> Path:
     """The image's file; one made for this flight is stored with it."""
-    from tools.gains.image import image_path, write_atomically
+    from flight_sw.errors import FlightError
+    from tools.gains.image import image_path
 
     if not prepared.remade:
         return prepared.load_path
-    path = image_path(folder, prepared.law)
-    write_atomically(path, prepared.load_image)
+    path = image_path(folder.path, prepared.law)
+    try:
+        _write(path, prepared.load_image)
+    except FlightError:
+        folder.discard()
+        raise
     return path
+
+
+def _write(path: Path, content: bytes) -> None:
+    from flight_sw.errors import FlightError
+    from tools.gains.image import write_atomically
+
+    try:
+        write_atomically(path, content)
+    except OSError as error:
+        raise FlightError(f"{path}: cannot be written, {error.strerror}") from error
 
 
 def _fly(
     plan: "FlightPlan", folder: "Folder", as_json: bool, live: "Live", record: bool
-) -> dict[str, Any]:
-    """Fly, write the summary, and raise for a flight that was not flown to its end."""
+) -> tuple[dict[str, Any], str]:
+    """Fly, write the summary, and raise for a flight that was not flown to its end; returns the
+    summary, and why it could not be written."""
     from flight_sw.errors import FlightError
     from sim_harness.flight import FlightRun
     from sim_harness.summary import summary_of
     from sim_harness.world.records import PHYSICAL_ENDS
-    from tools.gains.image import write_atomically
     from tools.show import ProgressLine
 
-    run, view = None, None
+    run, view, unwritten = None, None, ""
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
             run = FlightRun(plan, [line])
@@ -319,14 +338,17 @@ def _fly(
         else:
             summary = summary_of(run)
             text = json.dumps(summary, indent=1)
-            write_atomically(folder.path / SUMMARY_NAME, (text + "\n").encode())
+            try:
+                _write(folder.path / SUMMARY_NAME, (text + "\n").encode())
+            except FlightError as error:  # the flight was flown all the same
+                unwritten = str(error)
     if as_json and run.harness["truth"]["minor_frames"][0] > 0:
         print(text)
     if failure:
         raise FlightError(failure)
     if run.outcome not in PHYSICAL_ENDS:
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
-    return summary
+    return summary, unwritten
 
 
 def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:

@@ -18,6 +18,7 @@ DISPLAY = {  # SI unit at the end of a name: factor and unit to show
 
 
 TIMING_KEY = "timing"  # told by `aeroshell timing`
+SHOWN_S = 0.005  # what two decimals of a second show at least
 
 
 def info(
@@ -54,7 +55,7 @@ def _state(found: dict[str, Any]) -> str:
     if found["is_complete"]:
         return f"{found['path']}: complete, {flown}"
     cut_off = f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
-    if found["from_journal_s"] > 0.0:
+    if found["from_journal_s"] >= SHOWN_S:
         cut_off += f", the last {found['from_journal_s']:.2f} s in its journal"
     return cut_off
 
@@ -70,7 +71,9 @@ def _contents(found: dict[str, Any]) -> str:
         parts.append(f"{found['missing_minor_frames']:,} minor frames missing")
     if found["frames_not_decoded"]:
         parts.append(f"{found['frames_not_decoded']:,} frames of no known form")
-    if not found["is_of_this_dbc"]:
+    if found["is_of_this_dbc"] is None:
+        parts.append("no DBC is attached, its frames are not decoded")
+    elif not found["is_of_this_dbc"]:
         parts.append("read through its own DBC, which is not this version's")
     return "; ".join(parts)
 

@@ -1,5 +1,6 @@
 """`aeroshell review`: recorded flights as an entry engineer looks at them, in Rerun."""
 
+import contextlib
 import sys
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from tools.review.source import FlightData
+    from tools.review.stage import Stage
 
 
 def review(
@@ -44,6 +46,7 @@ def review(
     with Doing() as doing:
         doing("reading the recordings")
         found = open_flights(flights)
+        _check_moment(at_s, max(flight.recording.until_s for flight in found))
         _tell_gaps(found)
         shape = plan(found)
         with tempfile.TemporaryDirectory(prefix="aeroshell-") as folder:
@@ -52,9 +55,30 @@ def review(
             doing("drawing the review")
             stage.save(drawn, blueprint(shape, tab))
             draw(stage, found, shape)
-            stage.close()
+            _close(stage, drawn)
             moment_s = peak_s(found[0]) if at_s is None else at_s
             _hand_out(drawn, save, screenshot, moment_s, doing)
+
+
+def _close(stage: "Stage", drawn: Path) -> None:
+    """Complete the drawing; Rerun itself says nothing of a disk that was full meanwhile."""
+    import shutil
+    import warnings
+
+    from rerun.chunk import RrdReader
+
+    from flight_sw.errors import RecordingError
+
+    try:
+        stage.close()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # it warns of a file without its end
+            RrdReader(drawn)
+    except (RuntimeError, OSError, Warning) as error:
+        free_mb = shutil.disk_usage(drawn.parent).free / 1e6
+        raise RecordingError(
+            f"{drawn}: was not written whole, {free_mb:,.1f} MB are free in its folder"
+        ) from error
 
 
 def _hand_out(
@@ -89,6 +113,8 @@ def _put(source: Path, out: Path, option: str) -> None:
         shutil.copyfile(source, part)
         part.replace(out)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink()
         raise RecordingError(f"{option} {out}: cannot be written, {error.strerror}") from error
     print(out)
 
@@ -106,6 +132,13 @@ def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> N
             raise RecordingError(f"{option} {out}: exists already, --force replaces it")
         if not out.parent.is_dir():
             raise RecordingError(f"{option} {out}: there is no folder {out.parent}")
+
+
+def _check_moment(at_s: float | None, until_s: float) -> None:
+    from flight_sw.errors import RecordingError
+
+    if at_s is not None and not 0.0 <= at_s <= until_s:
+        raise RecordingError(f"--at {at_s:g}: allowed is a time of flight, 0 to {until_s:.2f} s")
 
 
 def _tell_gaps(flights: "list[FlightData]") -> None:

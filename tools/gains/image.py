@@ -1,5 +1,6 @@
 """Load images and their provenance: made from a design, written beside it, or compared with it."""
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
@@ -112,8 +113,13 @@ def provenance_path(folder: Path, law: str) -> Path:
 def write_atomically(path: Path, raw: bytes) -> None:
     """Write under a temporary name, then rename."""
     temporary = path.with_name(path.name + ".new")
-    temporary.write_bytes(raw)
-    os.replace(temporary, path)
+    try:
+        temporary.write_bytes(raw)
+        os.replace(temporary, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
 
 
 def provenance_text(provenance: dict[str, Any]) -> str:

@@ -114,10 +114,9 @@ class Chart(NamedTuple):
         )
         stage.still(f"{self.path}/{name}", drawn)
         if look.label and strips:
-            strip = max(strips, key=len)
-            place = strip[int(len(strip) * look.label_share)]
+            strip = max(strips, key=_length)
             label = rr.Points2D(
-                [place],
+                [_place_along(strip, look.label_share)],
                 labels=[look.label],
                 show_labels=True,
                 colors=[look.colour],
@@ -167,7 +166,7 @@ class Look(NamedTuple):
     order: float = 0.0
     label: str = ""
     label_share: float = 0.5
-    """Where along the line its name stands."""
+    """Where along the length of the line its name stands."""
 
 
 def _clipped(points: F8) -> list[F8]:
@@ -182,6 +181,21 @@ def _clipped(points: F8) -> list[F8]:
         elif i > 0 and inside[i - 1]:
             pieces[-1].append(_edge(points[i - 1], points[i]))
     return [np.array(piece) for piece in pieces if len(piece) > 1]
+
+
+def _distances(strip: F8) -> F8:
+    """How far along a line each of its points lies."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(strip, axis=0), axis=1)))
+
+
+def _length(strip: F8) -> float:
+    return float(_distances(strip)[-1])
+
+
+def _place_along(strip: F8, share: float) -> F8:
+    """The place at a share of a line's length, however its points are spread."""
+    at = _distances(strip)
+    return np.array([np.interp(share * at[-1], at, column) for column in strip.T])
 
 
 def _edge(inner: F8, outer: F8) -> F8:

@@ -1,18 +1,18 @@
 """The columns behind the lines: truth and what follows from it, signals at a sensible rate."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from flight_sw import status
 from flight_sw.errors import AeroshellError
-from flight_sw.guidance import LAWS
 from flight_sw.icd import FRAME_BYTES
 from sim_harness.bus.load_model import BITRATE_BPS, worst_frame_bits
 from sim_harness.telemetry.events import changes, value_names
 from sim_harness.telemetry.wire import groups_of
+from tools.flight_facts import phases_of
 from tools.review.geometry import to_go
 from tools.review.palette import PHASES, STATES, Rgba
 from tools.review.source import FlightData
@@ -146,19 +146,13 @@ def lanes(flight: FlightData) -> list[Lane]:
         if name in ONLY_IF_EVER and not values.any():
             continue
         words = SWITCHES.get(name) or value_names(described[name])
-        words = phases_of(flight) if name == "phase" else words
+        words = phases_of(flight.recording.manifest) if name == "phase" else words
         words = STATUS_WORDS if name == "law_status" else words
         places = changes(values)
         states = [words.get(int(v), str(int(v))) for v in values[places]]
         colours = _colours([*words.values(), *states])
         found.append(Lane(title, t_s[places], states, colours))
     return found
-
-
-def phases_of(flight: FlightData) -> dict[int, str]:
-    """The names of the law's phases, of this version's law of that name."""
-    module: Any = LAWS.get(flight.recording.manifest.get("law", ""))
-    return dict(enumerate(getattr(module, "PHASES", ())))
 
 
 def _colours(states: list[str]) -> dict[str, Rgba]:

@@ -219,7 +219,7 @@ def _place(kind: str, name: str, entry: Any, radius_km: float) -> Iterator[Place
         return
     lon: Any = entry.get("longitude_deg")
     lat: Any = entry.get("latitude_deg")
-    name = str(entry.get("name", name))
+    name = str(entry.get("name") or name)
     try:
         lons, lats = np.radians(np.atleast_1d(lon)), np.radians(np.atleast_1d(lat))
         reach_km = float(entry.get("radius_km", 0.0))
@@ -238,8 +238,11 @@ def _place(kind: str, name: str, entry: Any, radius_km: float) -> Iterator[Place
 def draw_places(stage: Stage, places: list[Place], body: Body) -> None:
     """Target, way-points and zones with their names."""
     rr = stage.rr
+    drawn: list[str] = []
     for place in places:
         path = f"{PATH}/{place.kind}s/{part(place.name)}"
+        drawn.append(path)
+        path += f"_{n}" if (n := drawn.count(path)) > 1 else ""
         colour = ZONE if place.kind == "zone" else TARGET
         at = positions(np.array([place.lon_rad]), np.array([place.lat_rad]), body.radius_km)
         size = 0.01 if place.kind == "zone" else 6.0

@@ -78,7 +78,7 @@ class LiveFlight(FlightData):
         self.limits = limits_of(mission)
         self.world = mission.world()[0]
         self.planet_radius_m = mission.planet.radius_km * 1e3
-        self.tables = _tables_of(mission)
+        self.tables = mission.model_dump()
         self.recording = LiveRecording(Decoder(icd.LAYOUT), manifest)  # type: ignore[assignment]
 
     def piece(self, bus: Rows, truth: Rows, log: list[LogLine]) -> "LiveFlight":
@@ -88,13 +88,6 @@ class LiveFlight(FlightData):
         found.messages = {}
         found.recording.bus, found.recording.truth, found.recording.log = bus, truth, log
         return found
-
-
-def _tables_of(mission: Any) -> dict[str, Any]:
-    """Target, way-points and zones as the mission file states them."""
-    from sim_harness.mission import read_toml
-
-    return read_toml(mission.path)
 
 
 class LiveView:

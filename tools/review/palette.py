@@ -36,7 +36,7 @@ OTHERS = (*FLIGHTS[1:], FLIGHTS[0])
 
 STATES: dict[str, Rgba] = {
     "STANDBY": (104, 112, 122, 255),
-    "COAST_RGBA": _rgb("3a78b5"),
+    "COAST": _rgb("3a78b5"),
     "ENTRY": _rgb("2f9e5b"),
     "TERMINAL": _rgb("c98a1b"),
     "SAFE": _rgb("d1373f"),

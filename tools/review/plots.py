@@ -1,15 +1,15 @@
 """Fills the stage: lines over time, charts over speed, states, log, and the sheet of facts."""
 
-import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import numpy as np
 import numpy.typing as npt
 
+from tools.flight_facts import named, phases_of
 from tools.review import columns
 from tools.review.chart import Chart, Look, Scale
 from tools.review.corridor import UPPER, Corridor, corridor, flown_by_speed
-from tools.review.palette import LIMIT, SATURATED, SOFT_LIMITS, Palette
+from tools.review.palette import LIMIT, SATURATED, SOFT_LIMITS, Palette, mixed
 from tools.review.panels import GUIDANCE, LIMIT_UNITS, SATURATION, Panel
 from tools.review.signals import shown
 from tools.review.source import FlightData
@@ -17,8 +17,9 @@ from tools.review.stage import Stage, part
 
 F8 = npt.NDArray[np.float64]
 
-MARGIN_HZ = 2.0
-NAMED_AT = (0.97, 0.9, 0.83, 0.76, 0.69, 0.62)  # along a flight's line in a chart
+MARGIN_HZ, MARGIN_STROKES = 2.0, 800  # strokes of the shade: a second, and at least in a flight
+MARGIN_STEP_S = 1e-3  # from the lower end of a stroke to its upper end
+NAMED_AT = (0.88, 0.8, 0.72, 0.64, 0.56, 0.48)  # along a flight's line in a chart
 WIDE, THIN = 3.6, 1.5  # what is commanded shows on both sides of what is flown
 DRAG_CHART, ALTITUDE_CHART = "charts/drag", "charts/altitude"
 
@@ -62,7 +63,8 @@ def _draw_saturation(stage: Stage, panel: Panel, flight: FlightData, look: Palet
     if len(t_s):
         path = f"{panel.path}/{part(flight.label)}/saturated"
         name = "saturated" if look.is_alone else f"{flight.label}: saturated"
-        stage.dot_style(path, name, SATURATED)
+        colour = SATURATED if look.is_alone else mixed(SATURATED, look.flown, 0.5)
+        stage.dot_style(path, name, colour)
         stage.scalars(path, t_s, values * shown(f"{axis}_rad").factor)
 
 
@@ -75,16 +77,20 @@ def _draw_margin(stage: Stage, panel: Panel, flight: FlightData, look: Palette) 
         return
     stage.drawn.add((panel.path, limit))
     t_s, values = columns.column(flight, "", LIMIT_UNITS[panel.limit])
-    kept = columns.thinned(t_s, MARGIN_HZ)
-    t_s, values = t_s[kept], values[kept] * shown(LIMIT_UNITS[panel.limit]).factor
+    values = values * shown(LIMIT_UNITS[panel.limit]).factor
     path = f"{panel.path}/{part(flight.label)}"
     suffix = "" if look.is_alone else f", {flight.label}"
     stage.line_style(f"{path}/limit", f"limit{suffix}", LIMIT, 1.4)
     stage.scalars(f"{path}/limit", t_s[[0, -1]], np.full(2, limit))
     if not look.is_alone:
         return
-    shade = np.stack([np.minimum(values, limit), np.full_like(values, limit)], axis=-1).ravel()
-    times = np.repeat(t_s, 2) + np.tile([0.0, 1e-3], len(t_s))
+    least = 0 if stage.is_live else MARGIN_STROKES
+    strokes = max(int((t_s[-1] - t_s[0]) * MARGIN_HZ), least, 1) + 1
+    at_s = np.linspace(t_s[0], t_s[-1], strokes)
+    flown = np.minimum(np.interp(at_s, t_s, values), limit)
+    shade = np.stack([flown, np.full_like(flown, limit)], axis=-1).ravel()
+    step_s = min(MARGIN_STEP_S, (at_s[-1] - at_s[0]) / (2 * strokes))
+    times = np.repeat(at_s, 2) + np.tile([0.0, step_s], strokes)
     stage.line_style(f"{path}/margin", "margin", look.margin, 1.0)
     stage.scalars(f"{path}/margin", times, shade)
 
@@ -99,16 +105,9 @@ def draw_states(stage: Stage, flight: FlightData, look: Palette) -> None:
         stage.states(path, lane.t_s, lane.names)
 
 
-def named(text: str, phases: Mapping[int, str]) -> str:
-    """An event of the guidance phase with the phases' names, which the bus does not carry."""
-    if not text.startswith("guidance phase "):
-        return text
-    return re.sub(r"\d+", lambda found: phases.get(int(found[0]), found[0]), text)
-
-
 def draw_log(stage: Stage, flight: FlightData) -> None:
     """The log, in order of time."""
-    names = columns.phases_of(flight)
+    names = phases_of(flight.recording.manifest)
     lines = [line._replace(text=named(line.text, names)) for line in flight.recording.log]
     lines = sorted(lines, key=lambda line: line.t_s)
     stage.log(f"log/{part(flight.label)}", lines)

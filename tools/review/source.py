@@ -17,7 +17,9 @@ import numpy.typing as npt
 from flight_sw.errors import AeroshellError, RecordingError
 from sim_harness.mission import Mission, load_mission
 from sim_harness.telemetry.reader import Recording, open_recording
+from sim_harness.telemetry.records import RECORDING_NAME
 from tools.review.corridor import PathLimits
+from tools.review.stage import part
 
 F8 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.void]
@@ -25,19 +27,25 @@ Column = npt.NDArray[Any]
 
 MISSION_SUFFIX = ".toml"
 OVERRIDES = "overrides"  # of the manifest: mission keys set for this flight, as JSON
+RECORDING = Path(RECORDING_NAME)
 SAME_RADIUS = 1e-3  # of a planet, between flights that are laid over each other
 
 
 def labels_of(paths: list[Path]) -> list[str]:
-    """A short name for each flight, all different: its folder's, where its file says nothing."""
-    names = []
+    """A short name for each flight: its folder's, where its file says nothing. All differ, as the
+    parts of entity paths that are made of them do."""
+    found: dict[str, str] = {}
     for path in paths:
-        parent = path.resolve().parent.name
-        names.append(parent if path.stem == "flight" and parent else path.stem)
-    for i, name in enumerate(names):
-        if names.count(name) > 1:
-            names[i] = f"{name} ({i + 1})"
-    return names
+        whole = path.resolve()
+        name = whole.stem if whole.suffix == RECORDING.suffix else whole.name
+        if whole.name == RECORDING.name:
+            name = whole.parent.name or name
+        label, number = name, 1
+        while part(label) in found:
+            number += 1
+            label = f"{name} ({number})"
+        found[part(label)] = label
+    return [*found.values()]
 
 
 class FlightData:
@@ -48,9 +56,8 @@ class FlightData:
         self.recording = recording
         self.messages: dict[str, tuple[F8, Mapping[str, Column]]] = {}
         self.gaps: list[str] = []
-        self.mission = self._mission()
+        self.mission, self.world = self._mission()
         self.limits = limits_of(self.mission)
-        self.world = None if self.mission is None else self.mission.world()[0]
         self.planet_radius_m = None if self.mission is None else self.mission.planet.radius_km * 1e3
 
     @property
@@ -77,21 +84,24 @@ class FlightData:
 
     @functools.cached_property
     def tables(self) -> dict[str, Any]:
-        """The mission file as it was attached."""
+        """The mission as it was flown, with its overrides; the file where it is not understood."""
         import tomllib
 
+        if self.mission is not None:
+            return self.mission.model_dump()
         try:
             return tomllib.loads(self.recording.attachment(MISSION_SUFFIX).decode())
         except (RecordingError, UnicodeDecodeError, tomllib.TOMLDecodeError):
             return {}
 
-    def _mission(self) -> Mission | None:
-        """The mission from what is attached, with the overrides it was flown with."""
+    def _mission(self) -> tuple[Mission | None, Any]:
+        """The mission from what is attached, with the overrides it was flown with, and its world,
+        whose air may be a table that is attached too."""
         attachments = self.recording.attachments
         names = [name for name in attachments if name.endswith(MISSION_SUFFIX)]
         if len(names) != 1:
             self.gaps.append("no mission is attached: no planet, limits and corridor")
-            return None
+            return None, None
         try:
             overrides = json.loads(self.recording.manifest.get(OVERRIDES, "{}"))
             with tempfile.TemporaryDirectory() as folder:
@@ -100,11 +110,12 @@ class FlightData:
                     if (path := root / name).resolve().is_relative_to(root.resolve()):
                         path.parent.mkdir(parents=True, exist_ok=True)
                         path.write_bytes(content)
-                return load_mission(root / names[0], overrides)
+                mission = load_mission(root / names[0], overrides)
+                return mission, mission.world()[0]
         except (AeroshellError, ValueError) as error:
             reason = str(error).splitlines()[0]
             self.gaps.append(f"its mission is not understood, {reason}: no planet and limits")
-            return None
+            return None, None
 
 
 def limits_of(mission: Mission | None) -> PathLimits:
