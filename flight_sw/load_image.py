@@ -183,6 +183,8 @@ def image_bytes(law: str, mission: str, body: npt.NDArray[np.void]) -> bytes:
 def read_image(path: Path) -> LoadImage:
     """Read and check a load image; raises LoadError with what is wrong."""
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+            raise LoadError(f"{path}: is not a file")
         raw = path.read_bytes()
     except OSError as error:
         raise LoadError(f"{path}: cannot be read ({error.strerror})") from error

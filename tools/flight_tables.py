@@ -13,6 +13,7 @@ import pyarrow.parquet
 
 from flight_sw.errors import RecordingError
 from sim_harness.telemetry.reader import Recording
+from tools.flight_facts import named, phases_of
 
 F8 = npt.NDArray[np.float64]
 PART = ".part"  # of the name of a file that is not whole yet
@@ -44,7 +45,8 @@ def tables(recording: Recording) -> Iterator[tuple[str, pa.Table]]:
     if log := recording.log:
         levels = [line.level.name for line in log]
         content = {"t_s": [line.t_s for line in log], "level": levels}
-        yield "log", pa.table({**content, "text": [line.text for line in log]})
+        phases = phases_of(recording.manifest)
+        yield "log", pa.table({**content, "text": [named(line.text, phases) for line in log]})
     if len(bus := recording.bus):
         digits = bus["frame"]["data"].tobytes().hex()
         frames = {
@@ -62,7 +64,7 @@ def _message_table(
     found: dict[str, object] = {"t_s": t_s}
     for name, column in columns.items():
         # A message may carry the mission time itself; the first column is when it was on the bus.
-        found[name if name not in found else f"{name}_sent"] = column
+        found[name if name not in found else f"sent_{name}"] = column
         if name in names:
             found[f"{name}_name"] = [names[name].get(value, "") for value in column.tolist()]
     return pa.table(found)

@@ -115,7 +115,7 @@ def compare(recording: Recording, image: LoadImage, heard: Heard) -> Compared:
     period_s = recording.period_s
     if period_s is not None and abs(float(image.body["dt_s"][0]) - period_s) > PERIOD_TOLERANCE:
         raise RecordingError(
-            f"{recording.path.name}: minor frame is {period_s:g} s, "
+            f"{recording.path}: minor frame is {period_s:g} s, "
             f"the other load's is {float(image.body['dt_s'][0]):g} s"
         )
     theirs, ours = recorded_answers(recording), answers_to(recording, image, heard)

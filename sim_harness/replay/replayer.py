@@ -179,10 +179,8 @@ class Replayer:
     def _heard_before(self, told: int) -> int:
         """How many frames were fed when the computer had heard as many as it told."""
         before = self._computers.feeders[2]
-        more = (
-            told - int(self._computers.feeders["heard_ahead"][0]) - int(before["heard"])
-        ) % HEARD_MODULUS
-        return int(before["heard"]) + more
+        fed, ahead = int(before["heard"]), int(self._computers.feeders["heard_ahead"][0])
+        return fed + (told - ahead - fed) % HEARD_MODULUS
 
     def _take_as_false(self, row: int) -> bool:
         """Try whether the answers go on behind frames that the computer has not sent.

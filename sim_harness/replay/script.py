@@ -130,7 +130,7 @@ def is_paced(recording: Recording) -> bool:
 
 def attached_load(recording: Recording) -> LoadImage:
     """The load that flew; one of another layout is refused with both hashes."""
-    return parse_image(recording.attachment(LOAD_SUFFIX), f"{recording.path.name}: its load image")
+    return parse_image(recording.attachment(LOAD_SUFFIX), f"{recording.path}: its load image")
 
 
 def check_dbc(recording: Recording) -> None:
@@ -138,7 +138,7 @@ def check_dbc(recording: Recording) -> None:
     if not recording.has_our_dbc:
         theirs, ours = recording.dbc_sha256
         raise RecordingError(
-            f"{recording.path.name}: recorded with DBC {theirs[:16]}, this version has "
+            f"{recording.path}: recorded with DBC {theirs[:16]}, this version has "
             f"{ours[:16]}; it can be read and exported through its own, but not replayed"
         )
 

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from cantools.database import UnsupportedDatabaseFormatError
+from google.protobuf.message import DecodeError
+from textparser import ParseError
 
 from flight_sw import icd
 from flight_sw.errors import RecordingError
@@ -19,17 +22,27 @@ from sim_harness.telemetry import unpack
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, RECORDING_NAME, LogLevel, LogLine
-from sim_harness.telemetry.schema import flat_fields, log_schema, message_class, record_dtype
+from sim_harness.telemetry.schema import (
+    PACKAGE,
+    flat_fields,
+    frames_schema,
+    log_schema,
+    message_class,
+    record_dtype,
+)
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
 from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
 from sim_harness.telemetry.writer import (
+    CHECKSUM,
     FORMAT,
     FRAMES_TOPIC,
     LOG_TOPIC,
     MANIFEST,
     OUTCOME,
     PROFILE,
+    TRUTH_NAME,
     TRUTH_TOPIC,
+    checksum_of,
 )
 
 Rows = npt.NDArray[np.void]
@@ -38,6 +51,12 @@ I8 = npt.NDArray[np.int64]
 U1 = npt.NDArray[np.uint8]
 
 NS_PER_S = 1_000_000_000
+SCHEMAS = {
+    FRAMES_TOPIC: frames_schema().name,
+    LOG_TOPIC: log_schema().name,
+    TRUTH_TOPIC: f"{PACKAGE}.{TRUTH_NAME}",
+}
+DBC_ERRORS = (UnsupportedDatabaseFormatError, ParseError, UnicodeDecodeError, ValueError, KeyError)
 DBC_SUFFIX = ".dbc"
 RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recording
 
@@ -48,20 +67,24 @@ def open_recording(path: Path | str) -> "Recording":
     if path.is_dir():
         path = path / RECORDING_NAME
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise RecordingError(f"{path}: is neither a file nor a folder")
         content = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read, {error.strerror}") from error
-    contents = read_contents(path.name, content)
+    contents = read_contents(str(path), content)
     if contents.profile != PROFILE:
         found = f"has profile '{contents.profile}'" if contents.profile else "has no profile"
         raise RecordingError(
-            f"{path.name}: an MCAP file of another project, it {found}, ours is '{PROFILE}'"
+            f"{path}: an MCAP file of another project, it {found}, ours is '{PROFILE}'"
         )
     if MANIFEST not in contents.metadata:
-        raise RecordingError(f"{path.name}: ends before its manifest, nothing of a flight is in it")
+        raise RecordingError(f"{path}: ends before its manifest, nothing of a flight is in it")
     written = contents.metadata[MANIFEST].get("format", "missing")
     if written != FORMAT:
-        raise RecordingError(f"{path.name}: format is {written}, this reader knows {FORMAT}")
+        raise RecordingError(f"{path}: format is {written}, this reader knows {FORMAT}")
+    if contents.metadata[MANIFEST].get(CHECKSUM) != checksum_of(contents.metadata[MANIFEST]):
+        raise RecordingError(f"{path}: damaged, the checksum of its manifest is wrong")
     kept = None if contents.is_complete else read_journal(path)
     if kept is not None and kept.recording_id != contents.metadata[MANIFEST].get(RECORDING_KEY):
         kept = None  # another flight's
@@ -88,10 +111,11 @@ class Recording:
         """Whether the recorder finished the file."""
         return self._contents.is_complete
 
-    @property
+    @functools.cached_property
     def manifest(self) -> Mapping[str, str]:
         """What was flown, with what."""
-        return self._contents.metadata[MANIFEST]
+        told = self._contents.metadata[MANIFEST]
+        return {name: value for name, value in told.items() if name != CHECKSUM}
 
     @property
     def outcome(self) -> Mapping[str, str]:
@@ -108,13 +132,16 @@ class Recording:
         found = [n for n in self.attachments if n == name or (name[:1] == "." and n.endswith(name))]
         if len(found) != 1:
             there = ", ".join(self.attachments) or "nothing"
-            raise RecordingError(f"{self.path.name}: has no attachment {name}, attached is {there}")
+            raise RecordingError(f"{self.path}: has no attachment {name}, attached is {there}")
         return self.attachments[found[0]]
 
     @functools.cached_property
     def decoder(self) -> Decoder:
         """Reads this recording's frames, through the DBC that came with it."""
-        return decoder_of(self.attachment(DBC_SUFFIX))
+        try:
+            return decoder_of(self.attachment(DBC_SUFFIX))
+        except DBC_ERRORS as error:
+            raise RecordingError(f"{self.path}: its DBC cannot be read ({error})") from error
 
     @property
     def has_our_dbc(self) -> bool:
@@ -135,18 +162,14 @@ class Recording:
 
     @property
     def until_s(self) -> float:
-        """Mission time of the last message."""
-        last_s = self._contents.last_ns / NS_PER_S
-        return max(last_s, self._journal_until_s)
-
-    @property
-    def _journal_until_s(self) -> float:
-        return float(self._kept.bus["t_s"][-1]) if self._kept and len(self._kept.bus) else 0.0
+        """Mission time of the last frame."""
+        return float(self.bus["t_s"][-1]) if len(self.bus) else 0.0
 
     @property
     def from_journal_s(self) -> float:
         """How much of the flight the journal beside an incomplete recording adds to it."""
-        return self.until_s - self._contents.last_ns / NS_PER_S
+        recorded = self._recorded_bus
+        return self.until_s - (float(recorded["t_s"][-1]) if len(recorded) else 0.0)
 
     @functools.cached_property
     def _recorded_bus(self) -> Rows:
@@ -203,9 +226,12 @@ class Recording:
         line = message_class(log_schema())
         lines = []
         for payload in self._topic(LOG_TOPIC).payloads():
-            read = line.FromString(payload)
-            t_s = read.timestamp.ToNanoseconds() / NS_PER_S
-            lines.append(LogLine(t_s, LogLevel(read.level), read.message))
+            try:
+                read = line.FromString(payload)
+                t_s = read.timestamp.ToNanoseconds() / NS_PER_S
+                lines.append(LogLine(t_s, LogLevel(read.level), read.message))
+            except (DecodeError, ValueError) as error:
+                raise RecordingError(f"{self.path}: {LOG_TOPIC} holds no log ({error})") from error
         return lines + self._lines_of_journal()
 
     def _lines_of_journal(self) -> list[LogLine]:
@@ -249,7 +275,13 @@ class Recording:
         return rows["t_s"], self.decoder.columns(slot, rows["frame"]["data"])
 
     def _topic(self, name: str) -> Topic:
-        return self._contents.topics.get(name) or Topic(None, [])
+        topic = self._contents.topics.get(name)
+        wanted = SCHEMAS[name]
+        if topic is not None and topic.schema is not None and topic.schema.name != wanted:
+            raise RecordingError(
+                f"{self.path}: {name} has schema {topic.schema.name}, ours is {wanted}"
+            )
+        return topic or Topic(None, [])
 
 
 def flattened(rows: Rows) -> Rows:

@@ -169,7 +169,8 @@ class Recorder:
                 self._fail(reason)
 
     def _fail(self, reason: str) -> None:
-        self.failure = f"{self.path.name}: recording ended at {self._last_s:.3f} s, {reason}"
+        until_s = self._writer.until_s
+        self.failure = f"{self.path.name}: recording ended at {until_s:.3f} s, {reason}"
         self._queue.clear()
         if self._on_failure:
             self._on_failure(self.failure)

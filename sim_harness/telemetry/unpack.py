@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from typing import NamedTuple
 
+import lz4.frame
 import numpy as np
 import numpy.typing as npt
 import zstandard
@@ -22,7 +23,7 @@ from mcap.records import Schema as SchemaRecord
 
 from flight_sw.errors import RecordingError
 from sim_harness.jit import kernel
-from sim_harness.telemetry.container import MAGIC
+from sim_harness.telemetry.container import COMPRESSION, MAGIC
 from sim_harness.telemetry.schema import Schema
 from sim_harness.telemetry.wire import HEAD_BYTES, OPCODE_MESSAGE, SEQUENCE, UNCOUNTED_BYTES
 
@@ -32,6 +33,8 @@ RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 DATA_END, FOOTER = struct.Struct("<BQI"), struct.Struct("<BQQQI")
 CRC_BYTES = 4
 OPCODE_MAX = 0x0F  # the last one defined
+COMPRESSION_AT = 28  # in a chunk, behind two times, a size and a checksum
+COMPRESSION_MARK = len(COMPRESSION).to_bytes(4, "little") + COMPRESSION.encode()
 
 
 @kernel
@@ -100,12 +103,14 @@ class Contents:
     name: str
     profile: str = ""
     is_complete: bool = False
-    last_ns: int = 0
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     topics: dict[str, Topic] = field(default_factory=dict)
     channels: dict[int, Topic] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
+
+
+UNREADABLE = (struct.error, UnicodeDecodeError, zstandard.ZstdError, KeyError, RuntimeError)
 
 
 class _TornError(Exception):
@@ -150,15 +155,18 @@ def _record_at(content: bytes, at: int) -> tuple[int, int]:
 
 
 def _is_followed(content: bytes, at: int) -> bool:
-    """Whether a whole chunk stands behind a bad record, which a killed writer cannot leave."""
-    try:
-        _, end = _record_at(content, at)
-        while True:
-            opcode, end = _record_at(content, end)
-            if opcode == Opcode.CHUNK:
-                return True
-    except _TornError:
-        return False
+    """Whether a chunk begins behind a bad record, which a killed writer cannot leave.
+
+    It is looked for by what stands in a chunk's head: the bad record's length may be wrong.
+    """
+    own = at + UNCOUNTED_BYTES + COMPRESSION_AT
+    place = content.find(COMPRESSION_MARK, at)
+    while place >= 0:
+        start = place - COMPRESSION_AT - UNCOUNTED_BYTES
+        if place != own and start > at and content[start] == Opcode.CHUNK:
+            return True
+        place = content.find(COMPRESSION_MARK, place + 1)
+    return False
 
 
 def _take(contents: Contents, opcode: int, body: bytes, at: int) -> None:
@@ -176,7 +184,11 @@ def _take(contents: Contents, opcode: int, body: bytes, at: int) -> None:
             contents.attachments[attachment.name] = attachment.data
         elif opcode == Opcode.CHUNK:
             _take_chunk(contents, Chunk.read(stream))
-    except (struct.error, UnicodeDecodeError, zstandard.ZstdError, KeyError) as error:
+        elif opcode == Opcode.MESSAGE:
+            raise RecordingError(f"{contents.name}: has messages outside of chunks, none may be")
+        else:
+            _take_definition(contents, opcode, body)
+    except UNREADABLE as error:
         raise _TornError(f"the record there cannot be read ({error})") from error
     except EndOfFile as error:
         raise _TornError("the record there is shorter than it says") from error
@@ -189,7 +201,7 @@ def _check(stored: bytes, data: bytes, what: str) -> None:
 
 
 def _take_chunk(contents: Contents, chunk: Chunk) -> None:
-    blob = zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    blob = _decompressed(chunk)
     _check(chunk.uncompressed_crc.to_bytes(CRC_BYTES, "little"), blob, "chunk")
     octets = np.frombuffer(bytearray(blob), np.uint8)
     table = np.empty((4, len(blob) // UNCOUNTED_BYTES + 1), np.int64)
@@ -200,7 +212,17 @@ def _take_chunk(contents: Contents, chunk: Chunk) -> None:
     for number in np.unique(channels[opcodes == OPCODE_MESSAGE]).tolist():
         mine = channels == number
         contents.channels[number].pieces.append(Piece(blob, starts[mine], sizes[mine]))
-    contents.last_ns = max(contents.last_ns, chunk.message_end_time)
+
+
+def _decompressed(chunk: Chunk) -> bytes:
+    """What a chunk holds: ours are zstd, other writers have more to choose from."""
+    if chunk.compression == COMPRESSION:
+        return zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    if chunk.compression == "lz4":
+        return bytes(lz4.frame.decompress(chunk.data))
+    if chunk.compression == "":
+        return bytes(chunk.data)
+    raise _TornError(f"compression '{chunk.compression}' is not known, known are zstd and lz4")
 
 
 def load_kernels() -> None:
@@ -215,8 +237,9 @@ def _take_definition(contents: Contents, opcode: int, body: bytes) -> None:
         contents.schemas[schema.id] = Schema(schema.name, schema.data)
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(stream)
-        topic = Topic(contents.schemas[channel.schema_id], [])
-        contents.channels[channel.id] = contents.topics[channel.topic] = topic
+        if channel.id not in contents.channels:  # others repeat it in each chunk
+            topic = Topic(contents.schemas[channel.schema_id], [])
+            contents.channels[channel.id] = contents.topics[channel.topic] = topic
 
 
 def _check_whole(contents: Contents, content: bytes, at: int) -> None:

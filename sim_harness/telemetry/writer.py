@@ -12,6 +12,8 @@ log_time is mission time. The sequence number of /bus/frames counts minor frames
 shows even where the recorder had no chance to say so.
 """
 
+import json
+import zlib
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -53,9 +55,11 @@ I8 = npt.NDArray[np.int64]
 U8 = npt.NDArray[np.uint64]
 
 PROFILE = "aeroshell"
-FORMAT = "1"
+FORMAT = "2"
 MANIFEST = "aeroshell.manifest"
 OUTCOME = "aeroshell.outcome"
+CHECKSUM = "crc32"  # of the manifest, which MCAP itself protects in a complete file alone
+TRUTH_NAME = "Truth"
 
 FRAMES_CHANNEL, LOG_CHANNEL, LOCATION_CHANNEL, TRUTH_CHANNEL, CAN_CHANNEL = 1, 2, 3, 4, 16
 FRAMES_TOPIC, LOG_TOPIC, LOCATION_TOPIC, TRUTH_TOPIC = "/bus/frames", "/log", "/location", "/truth"
@@ -72,6 +76,12 @@ def nanoseconds(t_s: F8) -> U8:
         wrong = t_s[~((t_s >= 0.0) & (t_s <= TIME_MAX_S))][0]
         raise RecordingError(f"t_s is {wrong}, allowed 0.0 to {TIME_MAX_S}")
     return np.rint(t_s * NS_PER_S).astype(np.uint64)
+
+
+def checksum_of(manifest: Mapping[str, str]) -> str:
+    """CRC-32 over all items of a manifest but the checksum itself."""
+    items = sorted((name, value) for name, value in manifest.items() if name != CHECKSUM)
+    return f"0x{zlib.crc32(json.dumps(items).encode()):08x}"
 
 
 class CanTelemetry:
@@ -118,7 +128,7 @@ class TruthTelemetry:
     """The truth and where on the planet it is; its record type is that of the first rows."""
 
     def __init__(self, file: Container, dtype: np.dtype, rate_hz: float) -> None:
-        layout = record_layout("Truth", dtype)
+        layout = record_layout(TRUTH_NAME, dtype)
         file.add_channel(TRUTH_CHANNEL, TRUTH_TOPIC, layout_schema(layout))
         self.dtype = dtype
         fields = flat_fields(dtype)
@@ -164,7 +174,10 @@ def _location_words(rows: Rows, t_ns: U8) -> U8:
 
 
 class RecordingWriter:
-    """A recording being written: every `write` is one chunk on disk when it returns."""
+    """A recording being written: every `write` is one chunk on disk when it returns.
+
+    `until_s` is the time of the last frame that is in the file.
+    """
 
     def __init__(
         self,
@@ -182,11 +195,13 @@ class RecordingWriter:
             raise RecordingError(f"{path.name}: {len(dbcs)} DBC files to attach, wanted is one")
         self._rate_hz = telemetry_rate_hz
         self._minor_frames = 0
+        self.until_s = 0.0
         self._truth: TruthTelemetry | None = None
         self._log_message = message_class(log_schema())
         self._file = Container(path, PROFILE, f"aeroshell {_version()}")
         extra = {"format": FORMAT, "telemetry_rate_hz": repr(telemetry_rate_hz)}
-        self._file.add_metadata(MANIFEST, {**manifest, **extra})
+        told = {**manifest, **extra}
+        self._file.add_metadata(MANIFEST, {**told, CHECKSUM: checksum_of(told)})
         for name, (media_type, content) in attachments.items():
             self._file.add_attachment(name, media_type, content)
         self._file.add_channel(FRAMES_CHANNEL, FRAMES_TOPIC, frames_schema())
@@ -212,6 +227,8 @@ class RecordingWriter:
         blocks = [block for block in blocks if block.blob]
         if blocks:
             self._file.add_chunk(blocks)
+        if bus:
+            self.until_s = float(bus[-1]["t_s"][-1])
 
     def skip(self, minor_frames: int) -> None:
         """Leave a gap in the numbering of minor frames, for those that were lost."""

@@ -306,5 +306,5 @@ def test_an_error_of_the_recorder_itself_is_told(
     recorder = Recorder(tmp_path / "a.mcap", {}, DBC, on_failure=told.append)
     recorder.write_bus(bus_rows(range(2)))
     recorder.close("end condition")
-    assert told == ["a.mcap: recording ended at 0.020 s, the recorder itself failed"]
+    assert told == ["a.mcap: recording ended at 0.000 s, the recorder itself failed"]
     assert recorder.failure == told[0]

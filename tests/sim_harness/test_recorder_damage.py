@@ -175,7 +175,7 @@ def newer(path: Path) -> None:
         (lambda path: path.write_text("t_s,alt_m\n"), "not an MCAP file"),
         (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), "it has no profile"),
         (foreign, "of another project, it has profile 'ros2', ours is 'aeroshell'"),
-        (newer, "format is 9, this reader knows 1"),
+        (newer, "format is 9, this reader knows 2"),
     ],
 )
 def test_what_is_not_a_recording_of_ours_is_refused_in_a_sentence(
@@ -224,6 +224,7 @@ def test_a_full_disk_ends_the_recording_with_one_message(tmp_path: Path) -> None
     assert path.stat().st_size < 100_000  # cut back to its last whole chunk
     recording = open_recording(path)
     assert not recording.is_complete and len(recording.bus) > 0
+    assert f"ended at {recording.until_s:.3f} s" in told
 
 
 def test_a_disk_that_is_full_at_the_start_refuses_the_recording() -> None:

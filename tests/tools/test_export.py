@@ -63,7 +63,7 @@ def test_every_message_is_exported_at_its_full_rate_to_the_bit(flight: Path, for
             data = message.encode(values_of(message, cycle), strict=True)
             wanted = message.decode(data, decode_choices=False)
             for signal in icd.signal_names(name):
-                column = columns.get(f"{signal}_sent", columns[signal])
+                column = columns.get(f"sent_{signal}", columns[signal])
                 assert column[cycle] == wanted[signal], (name, signal)
 
 

@@ -27,7 +27,7 @@ manifest
   mission            test-1
   law                none
   seed               7
-  format             1
+  format             2
   telemetry_rate_hz  10.0
 
 outcome
