@@ -135,7 +135,7 @@ class FlightRun:
         self.image, self.load = onboard
         self.harness = new_harness(plan, self.load)
         self.pacer = new_pacer(plan)
-        self.pacer["load_crc32"] = self.image.crc32
+        self.harness["load_crc32"] = self.image.crc32
         cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
         if plan.pace > 0.0:
             wanted = round(RING_S * plan.pace / plan.mission.dt_s)

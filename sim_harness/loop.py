@@ -13,9 +13,10 @@ from flight_sw.can.bursts import recv_rest
 from flight_sw.can.codec import CODEC
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.computer import minor_frame
+from flight_sw.computer import ARM, minor_frame
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import add
+from flight_sw.modes import STANDBY
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear, hear
 from sim_harness.jit import kernel
@@ -32,7 +33,7 @@ from sim_harness.logs import (
 )
 from sim_harness.metrics import METRICS, judge_frame
 from sim_harness.navigation import NAV_STATE, measure
-from sim_harness.port import PORT, put_navigation, take
+from sim_harness.port import PORT, put_navigation, put_request, take
 from sim_harness.vehicle import advance, ended
 from sim_harness.world.records import FLYING, TRUTH, WORLD
 
@@ -40,6 +41,7 @@ BUS_LOST = 101
 COMPUTER_SILENT = 102
 INTERRUPTED = 103
 TRUTH_BYTES = TRUTH.itemsize
+ARM_AGAIN_CYCLES = 25  # a request that was refused or lost is not told; the mode tells
 BATCHES_PER_CYCLE = 2  # that an ear hears in lockstep: the log has room for them
 POLL_MS = 20  # longest wait in one system call: the time-out is looked at this often
 
@@ -51,6 +53,7 @@ HARNESS = np.dtype(
         ("navigation", NAV_STATE),
         ("port", PORT),
         ("metrics", METRICS),
+        ("load_crc32", "u4"),  # what a request to the computer names
         ("truth_divider", "i8"),  # minor frames per truth row in the log
         ("timed_every", "i8"),  # minor frames from one timed step to the next; 0: none is timed
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
@@ -102,6 +105,22 @@ def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
     for i in range(n_tx):
         log_passing(harness, logs, tx[i])
     return n_tx
+
+
+@kernel
+def request_over_bus(harness: Record, logs: Logs, request: int, tx: Frames) -> int:
+    """Put one request to the computer into `tx`; returns its length."""
+    n_tx = put_request(harness["codec"], harness["port"], request, harness["load_crc32"], tx)
+    for i in range(n_tx):
+        log_passing(harness, logs, tx[i])
+    return n_tx
+
+
+@kernel
+def must_arm(harness: Record) -> bool:
+    """Whether it is time to arm the computer once more: its answers say that it stands by."""
+    cycle = harness["truth"]["minor_frames"]
+    return cycle > 0 and cycle % ARM_AGAIN_CYCLES == 0 and harness["port"]["mode"] == STANDBY
 
 
 @kernel
@@ -192,6 +211,9 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
     for _ in range(cycles):
         if not has_room(harness, logs):
             return FLYING
+        if must_arm(harness):
+            n_tx = request_over_bus(harness, logs, ARM, wire.tx)
+            send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
         n_tx = open_cycle(harness, logs, wire.tx)
         if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
             return BUS_LOST

@@ -14,23 +14,24 @@ import numpy as np
 
 from flight_sw.can.libc import monotonic_ns, sched_yield, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.computer import STOP
+from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import hear
 from sim_harness.jit import kernel
-from sim_harness.logs import Logs, log_passing, publish
+from sim_harness.logs import Logs, publish
 from sim_harness.loop import (
     BUS_LOST,
     COMPUTER_SILENT,
     INTERRUPTED,
     Wire,
     close_cycle,
+    must_arm,
     open_cycle,
+    request_over_bus,
     take_answer,
 )
-from sim_harness.port import put_request
 from sim_harness.world.records import FLYING
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ PACER = np.dtype(
         ("end_ns", "i8"),  # of the last frame; 0: not ended
         ("silence_max_ns", "i8"),  # of the flight computer
         ("answer_ns", "i8"),  # when it last answered, in time or late
-        ("load_crc32", "u4"),  # key of the request that stops it
         ("frames", "i8"),  # begun
         ("slips", "i8"),  # frames that began more than a period late
         ("late_commands", "i8"),
@@ -185,6 +185,9 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
     deadline_ns = _begin(pacer)
     publish(harness)
     answers = int(harness["port"]["stale_answers"])
+    if must_arm(harness):
+        n_tx = request_over_bus(harness, logs, ARM, wire.tx)
+        send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
     n_tx = open_cycle(harness, logs, wire.tx)
     sent_ns = monotonic_ns()
     if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
@@ -200,12 +203,10 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
 
 
 @kernel
-def _stop_computer(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> None:
+def _stop_computer(harness: Record, wire: Wire, logs: Logs) -> None:
     """Ask the flight computer to end before it misses the frames that will not come."""
-    n = put_request(harness["codec"], harness["port"], STOP, pacer["load_crc32"], wire.tx)
-    for i in range(n):
-        log_passing(harness, logs, wire.tx[i])
-    send_frames(wire.fd, wire.io[0], wire.tx, n)
+    n_tx = request_over_bus(harness, logs, STOP, wire.tx)
+    send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
 
 
 @kernel
@@ -226,5 +227,5 @@ def fly_in_real_time(harnesses: Frames, pacers: Frames, wire: Wire, logs: Logs, 
     if outcome != FLYING:
         pacer["end_ns"] = monotonic_ns()
         if outcome not in (BUS_LOST, COMPUTER_SILENT):
-            _stop_computer(harness, pacer, wire, logs)
+            _stop_computer(harness, wire, logs)
     return outcome

@@ -189,7 +189,7 @@ class Replayer:
         out of sequence go with, which cannot be its own.
         """
         feeder, kinds = self._computers.feeders[0], self._script.kinds
-        matched, taken = int(feeder["matched"]), {}
+        matched, taken = int(feeder["matched"]), dict[int, int]()
         others, before = 0, int(self._computers.feeders["false_frames"][2])
         while len(taken) < max(FALSE_IN_ROW_MAX, FALSE_IN_SEQUENCE * others):
             taken[row], kinds[row] = int(kinds[row]), self._false_kind

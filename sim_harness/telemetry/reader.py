@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from cantools.database import UnsupportedDatabaseFormatError
+from cantools.database.errors import Error as DatabaseError
 from google.protobuf.message import DecodeError
 from textparser import ParseError
 
@@ -56,7 +56,7 @@ SCHEMAS = {
     LOG_TOPIC: log_schema().name,
     TRUTH_TOPIC: f"{PACKAGE}.{TRUTH_NAME}",
 }
-DBC_ERRORS = (UnsupportedDatabaseFormatError, ParseError, UnicodeDecodeError, ValueError, KeyError)
+DBC_ERRORS = (DatabaseError, ParseError, UnicodeDecodeError, ValueError, KeyError)
 DBC_SUFFIX = ".dbc"
 RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recording
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from flight_sw import modes
 from flight_sw.errors import AeroshellError, FlightError
 from sim_harness import bus_flight
 from sim_harness.bus.hub import Hub
@@ -20,6 +21,7 @@ from sim_harness.bus_flight import BusFlight, fly_bus
 from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightRun
 from tests.system.flights import ROOT, built, run_of
+from tests.system.paced import piece
 
 pytestmark = pytest.mark.jit_only
 
@@ -200,6 +202,19 @@ def test_a_computer_started_by_hand_is_flown(tmp_path: Path, nothing_left: None)
             assert wait_gone(computer.pid)  # by the stop request
             assert computer.status == 0
             assert computer.report()["cycles"] == run.harness["truth"]["minor_frames"][0]
+
+
+@pytest.mark.parametrize("pace", [0.0, 2.0])
+def test_a_computer_that_missed_its_arming_is_armed_again(
+    pace: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nothing_left: None
+) -> None:
+    run = run_of(piece(2.0), tmp_path / "x.load", "unix", pace=pace)
+    kept: list[bytes] = []
+    monkeypatch.setattr(BusFlight, "_send", lambda _, frames: kept.append(frames.tobytes()))
+    monkeypatch.setattr(BusFlight, "_see_it_end", lambda *_: None)
+    assert fly_bus(run) == ""
+    assert len(kept) >= 1  # the request that was lost
+    assert run.harness["port"]["mode"][0] == modes.ENTRY
 
 
 @pytest.mark.parametrize("how", ["vanished", "no socket", "too long"])
