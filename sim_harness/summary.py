@@ -11,6 +11,7 @@ from sim_harness.outcomes import outcome_class
 from sim_harness.terminal import told
 
 TIMING_KEY = "timing"  # of a recording's results
+LOST_KEY = "bus_rows_lost"  # frames that were on the bus and are not in the recording
 NOT_REJECTED = {VERDICTS[OK], VERDICTS[LOST]}
 
 
@@ -57,7 +58,8 @@ def results_of(run: FlightRun) -> dict[str, str]:
     frames = int(run.harness["truth"]["minor_frames"][0])
     period_s = run.plan.mission.dt_s
     results = {**kept, "minor_frames": frames, "period_s": period_s, **punctuality_of(run)}
-    return {TIMING_KEY: json.dumps(results)}
+    lost = int(run.harness["bus_rows_lost"][0])
+    return {TIMING_KEY: json.dumps(results), LOST_KEY: str(lost)}
 
 
 def ratio(value: float, limit: float) -> float | None:

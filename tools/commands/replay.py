@@ -70,6 +70,8 @@ def _object(recording: "Recording", found: "Replay", wall_s: float, speed: float
 
 
 def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) -> list[str]:
+    from sim_harness.summary import LOST_KEY
+
     if found.difference is not None:
         lines = [f"{flight}: {_told(found.difference)}"]
         lines.append(f"{found.cycles:,} frames before it are identical")
@@ -86,6 +88,9 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
             f"{found.reports:,} reports of the computer count other frames than are here: it heard "
             "some that the recording lacks, or missed some"
         )
+    lost = int(recording.outcome.get(LOST_KEY, "0"))
+    if lost and (found.reports or found.difference):
+        lines.append(f"{lost:,} frames of the bus are not in the recording, its log was full")
     if found.unanswered:
         lines.append(f"the flight computer did not answer the last {found.unanswered:,} frames")
     if found.gap_s is not None:
