@@ -36,9 +36,10 @@ def false_frames(n: int, seed: int) -> Frames:
         message = icd.LAYOUT[rng.integers(0, len(icd.LAYOUT))]
         frame["can_id"] = message.can_id
         chance = rng.random()
-        if chance < 0.5 and message.name not in DEADLY:
+        if chance < 0.5 or message.name in DEADLY:
             slot, counter = icd.slot(message.name), int(rng.integers(0, 16))
-            frame["data"] = protect(codec, slot, frame["data"], counter)
+            harm = np.uint64(message.name in DEADLY)  # one random word in 256 has it right
+            frame["data"] = protect(codec, slot, frame["data"], counter) ^ harm
         elif chance < 0.8:
             frame["can_id"] = int(rng.integers(0x600, 0x7FF))
         elif chance < 0.85:
