@@ -82,8 +82,7 @@ def answer_all(computers: Computers, script: Script, answered: Rows) -> int:
 def answers_to(recording: Recording, image: LoadImage, heard: Heard) -> Rows:
     """What a load answers to a recording's frames, cycle by cycle."""
     check_messages(recording)
-    crc32 = int(recording.manifest.get("load_crc32", "0x0"), 16)
-    computers = new_computer(image, crc32)
+    computers = new_computer(image, recording.load_crc32 or 0)
     script = new_script(recording.bus, *heard)
     answered = np.zeros(len(recording.bus) + len(heard.ticks), ANSWERED)
     return answered[: answer_all(computers, script, answered)]

@@ -68,9 +68,10 @@ def kinds_of(recording: Recording) -> I8:
 
 def _names_load(recording: Recording, boots: I8) -> npt.NDArray[np.bool_]:
     """Which FSW_BOOT name the load that flew: the others only look like the computer's."""
-    crc32 = recording.manifest.get("load_crc32")
-    named = _columns(recording, boots, BOOT)[BOOT_LOAD]
-    return named == int(crc32, 16) if crc32 else np.full(len(boots), True)
+    crc32 = recording.load_crc32
+    if crc32 is None or not len(boots):
+        return np.full(len(boots), True)
+    return _columns(recording, boots, BOOT)[BOOT_LOAD] == crc32
 
 
 def _rows_of(recording: Recording, message: str) -> I8:
@@ -110,13 +111,15 @@ def hears_all(recording: Recording) -> bool:
 def _ready_at(recording: Recording) -> int:
     """The row in which the computer first says that it listens; 0 for one that never boots."""
     places = _rows_of(recording, BOOT)
+    if not len(places):
+        return 0
     columns = _columns(recording, places, BOOT)
-    names = recording.value_names(BOOT)[BOOT_STATE] if len(places) else {}
+    names = recording.value_names(BOOT).get(BOOT_STATE, {})
     says_so = np.isin(
         columns[BOOT_STATE], [value for value, name in names.items() if name == READY]
     )
-    if crc32 := recording.manifest.get("load_crc32"):
-        says_so &= columns[BOOT_LOAD] == int(crc32, 16)  # a false frame names another load
+    if (crc32 := recording.load_crc32) is not None:
+        says_so &= columns[BOOT_LOAD] == crc32  # a false frame names another load
     found = places[says_so]
     return int(found[0]) if len(found) else 0
 
@@ -147,7 +150,8 @@ def check_messages(recording: Recording) -> None:
     """Refuse frames unless what the computer hears and commands is laid out as in this version."""
 
     def used(messages: Sequence[Message]) -> list[Message]:
-        return [m for m in messages if m.sender == GROUND or m.name in (COMMAND_NAME, STATUS_NAME)]
+        names = (COMMAND_NAME, STATUS_NAME, BOOT)
+        return [m for m in messages if m.sender == GROUND or m.name in names]
 
     if used(recording.decoder.messages) != used(icd.LAYOUT):
         check_dbc(recording)

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flight_sw.echo import echoed
+
 if TYPE_CHECKING:
     from sim_harness.replay.open_loop import Compared
     from sim_harness.replay.replayer import Difference, Replay
     from sim_harness.telemetry.reader import Recording
 
 DIFFERS = 1
+COUNT_DIGITS_MAX = 18
 
 
 def replay(
@@ -45,6 +48,7 @@ def replay(
         print(json.dumps(_object(recording, found, wall_s, speed), indent=1))
     else:
         print("\n".join(_lines(flight, recording, found, f"{wall_s:.2f} s, {speed:,.0f} times")))
+    recording.check_whole()
     if not found.is_identical:
         sys.exit(DIFFERS)
 
@@ -88,7 +92,8 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
             f"{found.reports:,} reports of the computer count other frames than are here: it heard "
             "some that the recording lacks, or missed some"
         )
-    lost = int(recording.outcome.get(LOST_KEY, "0"))
+    told = recording.outcome.get(LOST_KEY, "0")[:COUNT_DIGITS_MAX]
+    lost = int(told) if told.isdecimal() and told.isascii() else 0
     if lost and (found.reports or found.difference):
         lines.append(f"{lost:,} frames of the bus are not in the recording, its log was full")
     if found.unanswered:
@@ -123,7 +128,7 @@ def _open_loop(flight: Path, load: Path, out: Path | None, as_json: bool) -> Non
     if as_json:
         print(json.dumps(_open_loop_object(flight, load, compared, told), indent=1))
     else:
-        crc32 = recording.manifest.get("load_crc32", "?")
+        crc32 = echoed(recording.manifest.get("load_crc32", "?"))
         print(
             f"{flight}: open loop, what {load} (law {image.law}, 0x{image.crc32:08x}) would have "
             f"commanded of what the computer with load {crc32} heard\n"
@@ -141,6 +146,7 @@ def _open_loop(flight: Path, load: Path, out: Path | None, as_json: bool) -> Non
     if out is not None:
         write_compared(compared, out)
         sys.stderr.write(f"{out}\n")
+    recording.check_whole()
 
 
 def _open_loop_object(
