@@ -22,7 +22,7 @@ def export(
     written = write(recording, form, folder, force=force)
     if not recording.is_complete:
         sys.stderr.write(
-            f"{flight}: incomplete, exported is the flight until {recording.until_s:.2f} s\n"
+            f"{flight}: incomplete, exported is the flight until {recording.until_s:z.2f} s\n"
         )
     for path in written:
         print(path)
