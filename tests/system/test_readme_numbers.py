@@ -1,4 +1,4 @@
-"""Numbers that README and the limits print of a command are the command's.
+"""Numbers that README prints of a command are the command's.
 
 A flight's numbers are compared to their last printed digit. On another processor's C library the
 frame in which a tracker is released may be the next one (then the commands are others): what one
@@ -21,16 +21,11 @@ from tools.show import ROWS
 pytestmark = pytest.mark.jit_only
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-LIMITS = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
 RESULT_ROW = re.compile(r"^│ (?P<label>[^│]+?) *│ *(?P<flown>[-\d,.]+) │(?P<rest>.*)$", re.M)
 MEASURED = re.compile(r"^\| (1,\d00) \|(.*)\|$", re.M)
 NATURAL_PEAK = re.search(r"Natural peak heat flux.*?: (?P<flown>[\d,.]+) kW/m2;.*?```sh\naeroshell "
                          r"(?P<command>.*?)$", README, re.M | re.S)  # fmt: skip
 BUS_LOAD = re.search(r"^\| worst-case bus load.*?\| (?P<share>[\d.]+) % \|", README, re.M)
-NOISE_ROW = re.compile(
-    r"^\| (?P<noise>[\d.]+) \|.*\| (?P<peak>[\d,]+); (?P<range>[\d,]+) \|$", re.M
-)
-NOISE_TITLE = "### Noise on the heat flux"
 IN_MEMORY = "--bus memory --no-record"
 COMMANDS_OF_README = "8b3454f26fbac6a7"  # of the flight whose table README shows
 ONE_FRAME_S = 0.02
@@ -118,15 +113,3 @@ def test_the_worst_case_bus_load_is_the_one_printed(capsys: pytest.CaptureFixtur
     assert BUS_LOAD is not None
     assert main(["bus", "load"]) == 0
     assert f"{BUS_LOAD['share']} % of 1000000 bit/s" in capsys.readouterr().out
-
-
-def test_the_effect_of_noise_is_that_flown(fly: Fly) -> None:
-    """Of the table in the limits its last column, `integrated` as shipped, is cheap."""
-    rows = NOISE_ROW.findall(LIMITS.split(NOISE_TITLE)[1].split("###")[0])
-    assert [noise for noise, _, _ in rows] == ["0", "0.1", "1", "5"]
-    limit = "--set load_factor_max_g=4.8 --set transition_duration_s=25"
-    for noise_kwpm2, peak, ground_range in rows:
-        noise = f"--set navigation.heat_flux_noise_kwpm2={noise_kwpm2}"
-        told = fly(f"fly hyperion-1 --law integrated {IN_MEMORY} {limit} {noise}")
-        assert_shows(peak, told["heat_flux_max_after_activation_kwpm2"], slack=0.1)
-        assert_shows(ground_range, told["ground_range_km"], slack=0.1)

@@ -96,7 +96,11 @@ class Source(NamedTuple):
     def fixed(self) -> dict[str, str]:
         """What was set for every run, by the command or by the dispersion set."""
         told = self.manifest.get("fixed")
-        return {str(k): plain(v) for k, v in told.items()} if isinstance(told, dict) else {}
+        if not isinstance(told, dict):
+            return {}
+        return {
+            key: value if isinstance(value, str) else plain(value) for key, value in told.items()
+        }
 
     def exceeded(self) -> list[str]:
         """The limits that each run exceeded; empty where none, or where it was not told."""
