@@ -163,6 +163,7 @@ def test_the_observers_model_is_that_of_the_bank_flown_whatever_its_sign(
     """The vehicle may report a bank to the left; the laws command a magnitude of it."""
     case = Case("drag-observer")
     case.law["watch"]["observes"] = 0
+    case.law["tracking"]["cos_bank_high"] = 0.25  # where the command stands here: more than flown
     nav = fix_near(case, 300, **CALM)
     case.step(**nav)
     commanded = float(case.out["bank_cmd_rad"][0])
