@@ -155,7 +155,7 @@ def check(readings: np.ndarray) -> None:
 
 
 WHOLE = {**dict.fromkeys(FLOWN, (40, 2400.0)), **dict.fromkeys(MARS_LAWS, (12, 1000.0))}
-"""Of each law the calls a round that fly its mission to the end, and a speed fallen below by then."""
+"""Of each law the calls a round that fly its mission to the end, and a speed fallen below then."""
 
 
 @pytest.mark.parametrize("law", WHOLE)
