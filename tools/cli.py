@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import typer
 
-from flight_sw.errors import AeroshellError
+from flight_sw import program
 from tools.commands import (
     bench,
     bus,
@@ -26,9 +26,6 @@ from tools.commands import (
     review,
     timing,
 )
-
-REFUSED = 1
-INTERRUPTED = 130
 
 app = typer.Typer(
     help="Atmospheric-entry guidance computer and the bench it is tested on.",
@@ -59,19 +56,13 @@ def _end(number: int, frame: FrameType | None) -> NoReturn:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit status; a refusal is one sentence on stderr."""
     signal.signal(signal.SIGTERM, _end)
-    status = 0
-    try:
+
+    def command() -> int:
+        program.check_arguments(sys.argv[1:] if arguments is None else arguments)
         app(args=arguments, standalone_mode=True)
-    except AeroshellError as error:
-        sys.stderr.write(f"aeroshell: {error}\n")
-        return REFUSED
-    except KeyboardInterrupt:
-        status = INTERRUPTED
-    except SystemExit as leaving:
-        status = int(leaving.code or 0)
-    if status == INTERRUPTED:
-        sys.stderr.write("aeroshell: interrupted\n")
-    return status
+        return program.DONE
+
+    return program.run("aeroshell", command)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,14 @@
 import socket
 import time
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from flight_sw import icd
+from flight_sw.streams import is_heard
 from sim_harness.bus.load_model import BusLoad
 from sim_harness.bus.traffic import Heard, Traffic, listen
+from tools.console import result_console
 
 PERCENT = 100.0
 REFRESH_HZ = 4
@@ -84,13 +85,15 @@ def show_live(bus: socket.socket, address: str, seconds: float, bitrate_bps: int
     traffic, rates = Traffic(), Rates()
     with Live(
         traffic_table(traffic, {}, bitrate_bps),
-        console=Console(),
+        console=result_console(),
         refresh_per_second=REFRESH_HZ,
         auto_refresh=False,
     ) as live:
         shown_s = 0.0
         try:
             for _ in listen(bus, traffic, address, seconds):
+                if not is_heard():
+                    return
                 if time.monotonic() - shown_s >= 1.0 / REFRESH_HZ:
                     shown_s = time.monotonic()
                     table = traffic_table(traffic, rates.update(traffic), bitrate_bps)

@@ -1,11 +1,11 @@
 """Ties the recorder to a flight: what the loop logs is recorded, events go into its log."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.streams import say
 from sim_harness.flight import FlightRun
 from sim_harness.journal import Journal
 from sim_harness.summary import results_of
@@ -57,4 +57,4 @@ class FlightRecorder:
 
     @staticmethod
     def _tell(failure: str) -> None:
-        sys.stderr.write(f"aeroshell: {failure}\n")
+        say(f"aeroshell: {failure}")

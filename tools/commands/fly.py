@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flight_sw.streams import say, tell
+
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
@@ -280,10 +282,10 @@ def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[st
     from tools.campaign.again import check_same
 
     if then is None or not then.get("command_sha256"):
-        sys.stderr.write(f"run {run} of {campaign} has no commands there to compare with\n")
+        say(f"run {run} of {campaign} has no commands there to compare with")
         return
     check_same(campaign, run, then, now)
-    sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
+    say(f"run {run} of {campaign}: the same commands, bit by bit")
 
 
 def _load_path(prepared: "Prepared", folder: Folder) -> Path:
@@ -343,7 +345,7 @@ def _fly(
             except FlightError as error:  # the flight was flown all the same
                 unwritten = str(error)
     if as_json and run.harness["truth"]["minor_frames"][0] > 0:
-        print(text)
+        tell(text)
     if failure:
         raise FlightError(failure)
     if run.outcome not in PHYSICAL_ENDS:
@@ -352,9 +354,8 @@ def _fly(
 
 
 def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
-    from rich.console import Console
-
+    from tools.console import show
     from tools.show import footnote, result_table
 
-    Console().print(result_table(summary, prepared.mission, prepared.comparable))
-    print(footnote(summary, f"{folder}/"))
+    show(result_table(summary, prepared.mission, prepared.comparable))
+    tell(footnote(summary, f"{folder}/"))

@@ -1,9 +1,10 @@
 """`aeroshell gains`: design the gains of a mission, or check that the stored ones regenerate."""
 
-import sys
 from typing import Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 
 def gains(
@@ -24,10 +25,10 @@ def gains(
             found += differences(path.parent, made)
         else:
             write(path.parent, made)
-        print(
+        tell(
             f"{image_path(path.parent, made.law)}  crc32 0x{made.crc32:08x}  {len(made.raw)} bytes"
         )
     for difference in found:
-        sys.stderr.write(f"aeroshell: {difference}\n")
+        say(f"aeroshell: {difference}")
     if found:
         raise typer.Exit(1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
+from flight_sw.streams import say
 from tools.review.stage import TIMELINE, quiet_rerun
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Live(NamedTuple):
 
 
 def _tell(sentence: str) -> None:
-    sys.stderr.write(f"{sentence}\n")
+    say(sentence)
 
 
 def reachable(url: str) -> str:
