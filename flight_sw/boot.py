@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
+from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
@@ -214,6 +215,7 @@ class FlightComputer:
         """What the computer can tell of its flight."""
         executive, state = self.executive[0], self.state[0]
         counted = state["rx"]["counted"]
+        errors = account_of(executive["errors"])
         return {
             "law": self.image.law,
             "load_crc32": f"0x{self.image.crc32:08x}",
@@ -222,8 +224,10 @@ class FlightComputer:
             "frames_sent": int(executive["frames_sent"]),
             "verdicts": {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)},
             "wrong_size": int(self.io["wrong_size"][0]),
-            "error_frames": int(executive["error_frames"]),
-            "error_counters": [int(n) for n in executive["error_counters"]],
+            "error_frames": errors.frames,
+            "bus_off": errors.bus_off,
+            "bus_errors": list(errors.words),
+            "error_counters": list(errors.counters),
             "frames_dropped": frames_dropped(self.bus),
             "bus_losses": int(executive["bus_losses"]),
             "bus_down_s": round(self.bus_down_s(), 3),

@@ -53,7 +53,8 @@ def check_working_folder() -> None:
     try:
         os.getcwd()
     except OSError as error:
-        raise AeroshellError(f"working folder: {error.strerror}") from error
+        reason = "it was removed" if isinstance(error, FileNotFoundError) else error.strerror
+        raise AeroshellError(f"the working folder cannot be used, {reason}") from error
 
 
 def _ended(name: str, main: Callable[[], int]) -> int:

@@ -1,5 +1,6 @@
 """Live tables of what goes over a bus."""
 
+import math
 import socket
 import time
 
@@ -16,6 +17,8 @@ PERCENT = 100.0
 REFRESH_HZ = 4
 RATE_WINDOW_S = 2.0
 VALUES_SHOWN = 3
+DIGITS_MAX = 8  # behind the point
+CHECKSUM_SUFFIX = "crc32"
 
 
 class Rates:
@@ -37,8 +40,11 @@ class Rates:
 
 
 def _value_text(signal: icd.Signal, value: float) -> str:
-    names = dict(signal.names)
-    text = names.get(round(value)) or f"{value:.6g}"
+    """A name where the value has one, a checksum as its bytes, else as many digits as are sent."""
+    digits = min(max(math.ceil(-math.log10(abs(signal.scale))), 0), DIGITS_MAX)
+    text = dict(signal.names).get(round(value)) or f"{value:.{digits}f}"
+    if signal.name.endswith(CHECKSUM_SUFFIX):
+        text = f"0x{round(value):0{signal.bits // 4}x}"
     return f"{signal.name} {text}"
 
 
@@ -55,11 +61,9 @@ def values_text(heard: Heard) -> str:
 def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -> Table:
     """All identifiers heard so far."""
     load = traffic.bits / traffic.elapsed_s / bitrate_bps
-    transmit, receive = traffic.error_counters
     table = Table(
         title=f"{traffic.frames} frames in {traffic.elapsed_s:.1f} s",
-        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; "
-        f"{traffic.error_frames} error frames, counters {transmit} sending {receive} receiving",
+        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; {traffic.errors.text}",
     )
     for heading in ("id", "message", "sender"):
         table.add_column(heading, no_wrap=True)

@@ -75,7 +75,7 @@ def test_traffic_counts_what_a_receiver_would_refuse() -> None:
     assert (ours.frames, ours.wrong_crc, ours.wrong_length, ours.sequence_breaks) == (4, 1, 1, 1)
     assert ours.values() == pytest.approx(POSITION, abs=1e-7)
     assert (foreign.name, foreign.data, foreign.errors) == ("", b"\0\0", 0)
-    assert (traffic.frames, traffic.error_frames, traffic.error_counters) == (5, 1, (96, 7))
+    assert (traffic.frames, traffic.errors.frames, traffic.errors.counters) == (5, 1, (96, 7))
     assert traffic.bits == 3 * 135 + 125 + 75  # 55 + 10n [DAVIS07]
 
 

@@ -56,21 +56,21 @@ class Folder:
 
     def __init__(self, out: Path | None, mission: str, law: str, force: bool) -> None:
         from flight_sw.errors import FlightError
+        from flight_sw.program import shown
         from sim_harness.telemetry.records import RECORDING_NAME
 
         if out is None:
             names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
             out = next(RUNS / name for name in names if not (RUNS / name).exists())
-        elif not force:
-            for name in (SUMMARY_NAME, RECORDING_NAME):
-                if (out / name).exists():
-                    raise FlightError(f"--out {out}: holds {name} already, --force replaces it")
         self.path = out
-        self._is_new = not out.exists()
         try:
+            self._is_new = not out.exists()
+            held = [name for name in (SUMMARY_NAME, RECORDING_NAME) if (out / name).exists()]
+            if held and not force:
+                raise FlightError(f"--out {out}: holds {held[0]} already, --force replaces it")
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
+            raise FlightError(f"--out {shown(out)}: cannot be made ({error.strerror})") from error
 
     def discard(self) -> None:
         """Remove a folder made for a flight that never began."""
@@ -323,12 +323,13 @@ def _fly(
     from sim_harness.flight import FlightRun
     from sim_harness.summary import summary_of
     from sim_harness.world.records import PHYSICAL_ENDS
+    from tools.recording import FolderWatch
     from tools.show import ProgressLine
 
     run, view, unwritten = None, None, ""
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
-            run = FlightRun(plan, [line])
+            run = FlightRun(plan, [line, FolderWatch(folder.path)])
             view = live.view_of(run, _manifest(run))
             run.listeners += [view] if view else []
             failure = fly_and_record(run, folder.path if record else None)
@@ -350,7 +351,7 @@ def _fly(
         raise FlightError(failure)
     if run.outcome not in PHYSICAL_ENDS:
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
-    return summary, unwritten
+    return summary, "; ".join(filter(None, (run.unrecorded, unwritten)))
 
 
 def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
