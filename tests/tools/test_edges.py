@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,10 @@ import pytest
 
 from sim_harness.bus.place import UNIQUE_BYTES, bus_place, places
 from sim_harness.computer_process import PACKAGE_PARENT, own_environment, own_module
+from sim_harness.flight import FlightRun
 from tools.cli import main
+from tools.commands.campaign import ProgressOfMany
+from tools.show import ProgressLine
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = Path(sys.executable).with_name("aeroshell")
@@ -273,3 +277,58 @@ def test_the_hub_says_where_it_is_before_it_ends(tmp_path: Path) -> None:
         assert hub.stdout.readline() == "clients connected  0\n"
         hub.communicate(timeout=TIMEOUT_S)
         assert hub.returncode == 0
+
+
+LONGER = ("fly", "hyperion-1", "--bus", "memory", "--set", "time_max_s=400", "--out", "o")
+
+
+@pytest.mark.jit_only
+def test_a_folder_removed_in_flight_is_told_at_once_and_the_flight_goes_on(
+    run: Callable[..., Told], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = ProgressLine.progress
+
+    def removing(line: ProgressLine, flight: FlightRun) -> None:
+        shutil.rmtree(tmp_path / "o", ignore_errors=True)
+        shown(line, flight)
+
+    monkeypatch.setattr(ProgressLine, "progress", removing)
+    status, out, err = run(*LONGER)
+    assert status == 1
+    assert "20,000 minor frames" in out
+    lost = "was removed, what is written there is lost"
+    told = [line for line in err.splitlines() if lost in line]
+    assert len(told) == 1
+    assert 0.0 < float(told[0].partition(" s: the folder o ")[0]) < 200.0
+    last = err.splitlines()[-1]
+    assert last.startswith("aeroshell: flight.mcap: recording ended at ")
+    assert last.endswith("the file was removed; o/summary.json: cannot be written, "
+                         "No such file or directory")  # fmt: skip
+
+
+@pytest.mark.jit_only
+def test_a_recording_that_finds_no_room_is_told_and_the_flight_goes_on(tmp_path: Path) -> None:
+    status, out, err = shell(tmp_path, 'ulimit -f 300; "$@"', *LONGER)
+    assert status == 1
+    assert "20,000 minor frames" in out
+    summary = json.loads((tmp_path / "o/summary.json").read_text())
+    assert summary["recording_failure"].endswith("File too large")
+    assert summary["outcome"] == "time out"
+    assert err.splitlines()[-1] == f"aeroshell: {summary['recording_failure']}"
+
+
+@pytest.mark.jit_only
+def test_a_campaign_whose_folder_is_removed_ends_with_a_sentence(
+    run: Callable[..., Told], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = ProgressOfMany.__call__
+
+    def removing(line: ProgressOfMany, done: int, n: int) -> None:
+        told(line, done, n)
+        if done == 1:
+            shutil.rmtree(tmp_path / "c")
+
+    monkeypatch.setattr(ProgressOfMany, "__call__", removing)
+    options = ("-n", "4", "--jobs", "1", "--set", "time_max_s=2", "--out", "c")
+    told_last = refused(run(*DISPERSED[:4], *options))
+    assert "c/flights.jsonl: cannot be written (the file was removed)" in told_last
