@@ -49,9 +49,13 @@ def refused(told: Told) -> str:
     return err
 
 
-@pytest.mark.parametrize("arguments", [("missions",), ("bus", "load"), ("--help",)])
 @pytest.mark.parametrize(
-    ("redirection", "why"), [(">/dev/full", "No space left on device"), (">&-", "it is closed")]
+    ("arguments", "redirection", "why"),
+    [
+        (("missions",), ">&-", "it is closed"),
+        (("bus", "load"), ">/dev/full", "No space left on device"),
+        (("--help",), ">/dev/full", "No space left on device"),
+    ],
 )
 def test_a_result_that_cannot_be_written_is_refused(
     tmp_path: Path, arguments: tuple[str, ...], redirection: str, why: str
@@ -67,7 +71,6 @@ def test_a_reader_that_has_had_enough_is_no_error(tmp_path: Path) -> None:
 
 
 def test_usage_that_cannot_be_told_keeps_its_status(tmp_path: Path) -> None:
-    assert shell(tmp_path, '"$@" 2>/dev/full', "missions", "--no-such-option")[0] == 2
     assert shell(tmp_path, '"$@" 2>&-', "missions", "--no-such-option")[0] == 2
 
 
@@ -191,12 +194,9 @@ def test_a_working_folder_that_was_removed_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "environment",
     [
-        {"HOME": None},
-        {"HOME": "/nowhere/at/all"},
-        {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"},
-        {"NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "20"},
-        {"COLUMNS": "1", "LINES": "1"},
-        {"TERM": None, "LANG": "xx_YY.nonsense"},
+        {"HOME": None, "LC_ALL": "C", "PYTHONIOENCODING": "ascii"},
+        {"HOME": "/nowhere/at/all", "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "20"},
+        {"TERM": None, "LANG": "xx_YY.nonsense", "COLUMNS": "1", "LINES": "1"},
     ],
     ids=str,
 )
@@ -212,9 +212,9 @@ IMPOSTOR = "raise SystemExit('the impostor was imported')\n"
 
 
 @pytest.mark.jit_only
-@pytest.mark.parametrize("place", [None, "", ".", f"{ROOT}:", f":{ROOT}"])
+@pytest.mark.parametrize("place", [None, f"{ROOT}:."])
 def test_the_working_folder_never_says_what_flies(tmp_path: Path, place: str | None) -> None:
-    """With PYTHONPATH unset, empty, or holding the working folder by one of its names."""
+    """With PYTHONPATH unset, and with the working folder in it."""
     for name in ("flight_sw", "sim_harness", "numba", "numpy"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text(IMPOSTOR)
