@@ -81,14 +81,17 @@ def _child(
     with tempfile.TemporaryDirectory() as folder:
         wanted, errors = Path(folder, "names"), Path(folder, "errors")
         wanted.write_text("\n".join(names))
+        working = Path(folder, "working")
+        working.mkdir()
+        paths = {"TMPDIR": folder, "PYTHONPATH": str(ROOT)}
         with (
             errors.open("wb") as file,
             subprocess.Popen(
                 [*command, str(wanted)],
                 stdout=subprocess.PIPE,
                 stderr=file,
-                cwd=ROOT,
-                env={**os.environ, **environment, "TMPDIR": folder},
+                cwd=working,
+                env={**os.environ, **environment, **paths},
             ) as child,
         ):
             done, why = _heard(child)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from flight_sw.echo import echoed
+from flight_sw.streams import tell
 
 DISPLAY = {  # SI unit at the end of a name: factor and unit to show
     "wpm2": (1e-3, "kW/m2"),
@@ -34,7 +35,7 @@ def info(
 
     recording = open_recording(flight)
     found = facts(recording)
-    print(json.dumps(found, indent=1) if as_json else _text(found))
+    tell(json.dumps(found, indent=1) if as_json else _text(found))
     recording.check_whole()
 
 
@@ -43,7 +44,7 @@ def _text(found: dict[str, Any]) -> str:
         ("", [_state(found), _contents(found)]),
         ("manifest", _pairs(found["manifest"])),
         ("outcome", _pairs({k: v for k, v in found["outcome"].items() if k != TIMING_KEY})),
-        ("modes", [f"{m['t_s']:9.2f} s  {m['mode']}" for m in found["modes"]]),
+        ("modes", [f"{m['t_s']:z9.2f} s  {m['mode']}" for m in found["modes"]]),
         ("events", [_event(event) for event in found["events"]]),
         ("extremes", [_extreme(extreme) for extreme in found["extremes"]]),
     ]
@@ -56,12 +57,12 @@ def _text(found: dict[str, Any]) -> str:
 
 
 def _state(found: dict[str, Any]) -> str:
-    flown = f"{found['until_s']:.2f} s of flight"
+    flown = f"{found['until_s']:z.2f} s of flight"
     if found["is_complete"]:
         return f"{found['path']}: complete, {flown}"
     cut_off = f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
     if found["from_journal_s"] >= SHOWN_S:
-        cut_off += f", the last {found['from_journal_s']:.2f} s in its journal"
+        cut_off += f", the last {found['from_journal_s']:z.2f} s in its journal"
     return cut_off
 
 
@@ -69,7 +70,7 @@ def _contents(found: dict[str, Any]) -> str:
     parts = [
         f"{found['frames']:,} CAN frames in {found['minor_frames']:,} minor frames",
         f"{found['truth_rows']:,} samples of the truth",
-        f"{found['bytes'] / 1e6:.1f} MB",
+        f"{found['bytes'] / 1e6:z.1f} MB",
         "attached " + (echoed(", ".join(found["attachments"])) or "nothing"),
     ]
     if found["missing_minor_frames"]:
@@ -91,10 +92,10 @@ def _pairs(items: dict[str, str]) -> list[str]:
 
 
 def _event(event: dict[str, Any]) -> str:
-    return f"{event['t_s']:9.2f} s  {event['level']:<7}  {echoed(event['text'])}"
+    return f"{event['t_s']:z9.2f} s  {event['level']:<7}  {echoed(event['text'])}"
 
 
 def _extreme(extreme: dict[str, Any]) -> str:
     factor, unit = DISPLAY[extreme["name"].rsplit("_", 1)[-1]]
     value = extreme["value"] * factor
-    return f"{extreme['title']:<22} {value:12,.3f} {unit:<6} at {extreme['t_s']:9.2f} s"
+    return f"{extreme['title']:<22} {value:z12,.3f} {unit:<6} at {extreme['t_s']:z9.2f} s"
