@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.can.receiver import VERDICTS
-from flight_sw.computer import ARM, STOP, minor_frame, new_state
+from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.load_image import LoadImage, activate, parse_image
+from flight_sw.reception import ARM, STOP
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import Ear
 from sim_harness.jit import kernel

@@ -81,6 +81,9 @@ class Gates(Section):
     attitude_margin_deg: Annotated[
         float, Quantity("deg", 1e-3, 360.0, "beyond what lies between flown and commanded")
     ] = 3.0
+    agreement_s: Annotated[
+        float, Quantity("s", 1e-3, 100.0, "refused sets that agree for so long are believed")
+    ] = 0.5
 
 
 def angle(meaning: str) -> Quantity:
@@ -109,6 +112,8 @@ class Nominal(Section):
     peak_drop_kwpm2: Annotated[
         float, Quantity("kW/m2", 0.0, 1e5, "a heat-flux peak is one from so far below it; noise")
     ] = 0.0
+    peak_by: Literal["samples", "model"] = "model"
+    """What makes a heat-flux peak: falling samples, as printed, or with the model's consent."""
 
 
 class Lqy(Section):
