@@ -110,15 +110,22 @@ def test_frames_whose_time_message_was_lost_are_those_of_the_lost_cycle(flight: 
     assert computer.counted == {"OK": CYCLES * NAV_FRAMES - 1, "LOST": 1}
 
 
-@pytest.mark.parametrize("lost", range(1, 4))
-def test_a_time_message_after_lost_ones_needs_its_set_beside_it(
-    flight: Recorded, lost: int
-) -> None:
+def test_a_time_message_ahead_of_its_cycle_needs_its_set_beside_it(flight: Recorded) -> None:
     computer, _ = replay(flight, list(flight.navigation[:AT].ravel()))
-    alone = computer.feed(flight.navigation[AT + lost, TIME:])
-    assert len(alone) == 0  # a lone one ahead of its cycle closes nothing
-    whole = computer.feed(flight.navigation[AT + lost])
+    alone = computer.feed(flight.navigation[AT + 1, TIME:])
+    assert len(alone) == 0  # a lone one closes nothing
+    whole = computer.feed(flight.navigation[AT + 1])
     assert len(commands(whole)) == 1
+    assert computer.state["fix_valid"][0] == 1
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3, 7, 20])
+def test_after_ticks_the_set_that_is_due_by_them_is_a_fix(flight: Recorded, lost: int) -> None:
+    computer, _ = replay(flight, list(flight.navigation[:AT].ravel()))
+    silent = np.zeros(lost, FRAME)
+    silent["can_id"] = TICK_ID
+    computer.feed(silent)
+    computer.feed(flight.navigation[AT + lost])
     assert computer.state["fix_valid"][0] == 1
 
 
