@@ -17,6 +17,7 @@ from flight_sw.can.e2e import counter_of, protect
 from flight_sw.can.receiver import slot_of
 from flight_sw.computer import minor_frame
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
+from flight_sw.guidance.heat_flux_peak import PEAK_BY
 from sim_harness import loop
 from sim_harness.jit import kernel
 from sim_harness.logs import Logs
@@ -57,6 +58,8 @@ class Lie(NamedTuple):
     error: float
     first: int
     last: int
+    growth: float = 0.0
+    """Of the error in each further cycle, in shares of the first."""
 
 
 @kernel
@@ -70,7 +73,7 @@ def tell(load: Any, frames: Any, n: int, lie: Any, cycle: int, values: Any) -> N
         if slot == lie.slot:
             word = frames[i]["data"]
             unpack(codec, slot, word, values)
-            told = values[lie.index] + lie.error
+            told = values[lie.index] + lie.error * (1.0 + lie.growth * (cycle - lie.first))
             values[lie.index] = min(max(told, codec["low"][lie.index]), codec["high"][lie.index])
             spoilt, _ = pack(codec, slot, values)
             frames[i]["data"] = protect(codec, slot, spoilt, counter_of(word))
@@ -177,3 +180,32 @@ def test_after_a_minute_of_lies_too(mode: str) -> None:
 def test_a_speed_that_was_believed_too_low_does_not_lock_the_truth_out(error_mps: float) -> None:
     # Before there were candidates the truth stayed refused for 62 s, and to the end.
     assert recovery_cycles("ENTRY", "NAV_VERTICAL", "v_rel_mps", error_mps, 10.0) <= RECOVERY_CYCLES
+
+
+def range_km(law: str, first: int, peak_by: str) -> float:
+    """Range of a whole flight with three heat-flux frames from one cycle on that fall."""
+    made = built(law)
+    load = made.load.copy()
+    design = load["law"]["nominal"] if law == "lqy" else load["law"]
+    design["peak_by"] = PEAK_BY.index(peak_by)
+    load.setflags(write=False)
+    made = made._replace(load=load)
+    world, computer = World(made, 1), Computer(made)
+    world.logs = Logs(np.zeros(60_000, FRAME), world.logs.bus[:0], world.logs.truth[:0])
+    slot, index = icd.slot("NAV_HEATING"), icd.value_index("NAV_HEATING", "heat_flux_wpm2")
+    lie = Lie(slot, index, -8e3, first, first + 3, 1.0)
+    buffers = np.zeros(RX_CAPACITY, FRAME), np.zeros(TX_CAPACITY, FRAME), np.zeros(icd.N_VALUES)
+    seen = np.zeros((60_000, 2), np.int64)
+    outcome = fly_lied_to(
+        world.harness, made.load, computer.state, buffers, world.logs, lie, (0, 0), seen
+    )
+    assert outcome != FLYING
+    return float(world.harness["truth"]["ground_range_m"][0]) / 1e3
+
+
+@pytest.mark.parametrize("law", ["lqy"])
+def test_three_false_heat_flux_frames_make_no_peak(law: str) -> None:
+    calm_km = range_km(law, 59_000, "model")
+    for t_s in (60.0, 120.0, 180.0, 240.0):
+        assert range_km(law, round(t_s / DT_S), "model") == pytest.approx(calm_km, abs=1.0)
+    assert abs(range_km(law, round(180.0 / DT_S), "samples") - calm_km) > 100.0  # the printed form
