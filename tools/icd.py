@@ -3,7 +3,9 @@
 import sys
 from pathlib import Path
 
+from flight_sw import program
 from flight_sw.icd import COUNTER_VALUES, DBC_PATH, DBC_SHA256, LAYOUT, N_MESSAGES, Message, Signal
+from flight_sw.streams import tell
 from sim_harness.bus.load_model import BITRATE_BPS, bus_load, worst_frame_bits
 
 ICD_PATH = Path(__file__).parent.parent / "docs" / "icd.md"
@@ -88,9 +90,9 @@ def document() -> str:
 def main() -> int:
     """Write the document."""
     ICD_PATH.write_text(document(), encoding="utf-8")
-    print(f"{ICD_PATH.name}: {N_MESSAGES} messages")
+    tell(f"{ICD_PATH.name}: {N_MESSAGES} messages")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program.run("icd", main))

@@ -1,20 +1,24 @@
 """Live tables of what goes over a bus."""
 
+import math
 import socket
 import time
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from flight_sw import icd
+from flight_sw.streams import is_heard
 from sim_harness.bus.load_model import BusLoad
 from sim_harness.bus.traffic import Heard, Traffic, listen
+from tools.console import result_console
 
 PERCENT = 100.0
 REFRESH_HZ = 4
 RATE_WINDOW_S = 2.0
 VALUES_SHOWN = 3
+DIGITS_MAX = 8  # behind the point
+CHECKSUM_SUFFIX = "crc32"
 
 
 class Rates:
@@ -36,8 +40,11 @@ class Rates:
 
 
 def _value_text(signal: icd.Signal, value: float) -> str:
-    names = dict(signal.names)
-    text = names.get(round(value)) or f"{value:.6g}"
+    """A name where the value has one, a checksum as its bytes, else as many digits as are sent."""
+    digits = min(max(math.ceil(-math.log10(abs(signal.scale))), 0), DIGITS_MAX)
+    text = dict(signal.names).get(round(value)) or f"{value:.{digits}f}"
+    if signal.name.endswith(CHECKSUM_SUFFIX):
+        text = f"0x{round(value):0{signal.bits // 4}x}"
     return f"{signal.name} {text}"
 
 
@@ -54,11 +61,9 @@ def values_text(heard: Heard) -> str:
 def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -> Table:
     """All identifiers heard so far."""
     load = traffic.bits / traffic.elapsed_s / bitrate_bps
-    transmit, receive = traffic.error_counters
     table = Table(
         title=f"{traffic.frames} frames in {traffic.elapsed_s:.1f} s",
-        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; "
-        f"{traffic.error_frames} error frames, counters {transmit} sending {receive} receiving",
+        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; {traffic.errors.text}",
     )
     for heading in ("id", "message", "sender"):
         table.add_column(heading, no_wrap=True)
@@ -84,13 +89,15 @@ def show_live(bus: socket.socket, address: str, seconds: float, bitrate_bps: int
     traffic, rates = Traffic(), Rates()
     with Live(
         traffic_table(traffic, {}, bitrate_bps),
-        console=Console(),
+        console=result_console(),
         refresh_per_second=REFRESH_HZ,
         auto_refresh=False,
     ) as live:
         shown_s = 0.0
         try:
             for _ in listen(bus, traffic, address, seconds):
+                if not is_heard():
+                    return
                 if time.monotonic() - shown_s >= 1.0 / REFRESH_HZ:
                     shown_s = time.monotonic()
                     table = traffic_table(traffic, rates.update(traffic), bitrate_bps)

@@ -1,20 +1,20 @@
 """How a flight is shown on a terminal: a progress line while it flies, a table when it is over."""
 
-import sys
 from threading import Timer
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from flight_sw.modes import MODES
+from flight_sw.streams import is_watched, say
 from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
 from sim_harness.pacing import pace_so_far
 from sim_harness.slip_watch import slips_so_far
+from tools.console import progress_console
 from tools.published import published
 
 LONG_S = 2.0  # a wait that takes longer is spoken of
@@ -41,13 +41,13 @@ class ProgressLine:
     """A progress bar over the energy to be lost; shown only where stderr is a terminal."""
 
     def __init__(self, mission: Mission, quiet: bool) -> None:
-        self.console = Console(stderr=True)
+        self.console = progress_console()
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             TextColumn("{task.fields[state]}"),
             console=self.console,
-            disable=quiet or not sys.stderr.isatty(),
+            disable=quiet or not is_watched(),
             transient=True,
         )
         self._quiet = quiet
@@ -86,7 +86,7 @@ class ProgressLine:
     def warn(self, t_s: float, text: str) -> None:
         """One line on stderr, above the bar."""
         if self._progress.disable:
-            sys.stderr.write(f"{t_s:.1f} s: {text}\n")
+            say(f"{t_s:.1f} s: {text}")
         else:
             self._progress.console.print(f"{t_s:.1f} s: {text}", highlight=False, markup=False)
 
@@ -99,7 +99,7 @@ class ProgressLine:
         self._waits_for = kind
         self._notice.cancel()
         if kind and self._progress.disable and not self._quiet:
-            self._notice = Timer(LONG_S, lambda: sys.stderr.write(f"{kind}\n"))
+            self._notice = Timer(LONG_S, lambda: say(f"{kind}"))
             self._notice.daemon = True
             self._notice.start()
 

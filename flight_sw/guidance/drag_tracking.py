@@ -92,6 +92,8 @@ def _smooth_lift(design: Record, state: Record, nav: Record) -> None:
     if abs(modelled) < DRAG_MIN_MPS2:
         return
     ratio = nav["lift_mps2"] / abs(modelled)
+    if not math.isfinite(ratio):
+        return  # one that is no number would stay in the average for good
     if state["lift_started"] == 0:
         state["lift_started"] = 1
         state["lift_ratio"] = ratio

@@ -17,7 +17,7 @@ from sim_harness.outcomes import outcome_class
 from tools.campaign.engine import run_campaign
 from tools.campaign.job import Flyer, Run, job_of
 from tools.campaign.plan import Wanted, decoded, encoded, plan_of
-from tools.cli import app
+from tools.cli import application
 
 pytestmark = pytest.mark.jit_only
 
@@ -47,7 +47,7 @@ def own(tmp_path):
 
 
 def aeroshell(*arguments: str):
-    return CliRunner().invoke(app, list(arguments))
+    return CliRunner().invoke(application(), list(arguments))
 
 
 def test_a_run_flies_the_records_of_a_mission_loaded_with_its_overrides():

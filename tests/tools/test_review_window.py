@@ -148,3 +148,34 @@ def test_an_interrupt_while_the_window_opens_takes_the_viewer_along(
     monkeypatch.setattr(viewer, "_await_loaded", interrupt)
     assert opened(0, 60.0)[0] == 130
     assert started[0].poll() is not None
+
+
+def test_a_viewer_that_says_nothing_is_told_and_tried_once_more(
+    opened: Callable[[int, float], Told], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the connection and never answers: Rerun's client would wait without limit."""
+    started: list[Any] = []
+    start = viewer.start
+
+    def counted(*arguments: Any) -> Any:
+        started.append(start(*arguments))
+        return started[-1]
+
+    monkeypatch.setattr(viewer, "start", counted)
+    monkeypatch.setattr(viewer, "LOAD_S", 0.5)
+    status, out, told = opened(0, 60.0)
+    assert (status, out, len(started)) == (1, "", 2)
+    assert all(process.poll() is not None for process in started)
+    late = "the Rerun viewer did not answer within 0.5 s"
+    assert told == f"{late}; trying once more\naeroshell: {late}\n"
+
+
+def test_a_viewer_that_is_late_once_is_used_the_second_time() -> None:
+    attempts = iter((viewer.LateError("late"), None))
+
+    def attempt() -> str:
+        if error := next(attempts):
+            raise error
+        return "shown"
+
+    assert viewer.again_if_late(attempt) == "shown"

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
+from flight_sw.streams import tell
+
 DISPLAY = {  # SI unit at the end of a name: factor and unit to show
     "wpm2": (1e-3, "kW/m2"),
     "jpm2": (1e-6, "MJ/m2"),
@@ -30,7 +32,7 @@ def info(
     from tools.flight_facts import facts
 
     found = facts(open_recording(flight))
-    print(json.dumps(found, indent=1) if as_json else _text(found))
+    tell(json.dumps(found, indent=1) if as_json else _text(found))
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -1,13 +1,14 @@
 """`aeroshell review`: recorded flights as an entry engineer looks at them, in Rerun."""
 
 import contextlib
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.review.source import FlightData
@@ -116,7 +117,7 @@ def _put(source: Path, out: Path, option: str) -> None:
         with contextlib.suppress(OSError):
             part.unlink()
         raise RecordingError(f"{option} {out}: cannot be written, {error.strerror}") from error
-    print(out)
+    tell(out)
 
 
 def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> None:
@@ -151,4 +152,4 @@ def _tell_gaps(flights: "list[FlightData]") -> None:
         if recording.missing_minor_frames:
             gaps.append(f"{recording.missing_minor_frames:,} minor frames are missing in it")
         for gap in gaps:
-            sys.stderr.write(f"{recording.path}: {gap}\n")
+            say(f"{recording.path}: {gap}")

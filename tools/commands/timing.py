@@ -1,11 +1,12 @@
 """`aeroshell timing`: how punctual a flight was."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.flight_timing import FlightTiming
@@ -23,14 +24,14 @@ def timing(
 
     found = read_timing(flight)
     if as_json:
-        print(json.dumps(found.as_json(), indent=1))
+        tell(json.dumps(found.as_json(), indent=1))
     else:
-        print(_text(found))
+        tell(_text(found))
     if png is not None:
         from tools.timing_plot import plot
 
         plot(found, period_us(found), _headline(found), png)
-        sys.stderr.write(f"{png}\n")
+        say(f"{png}")
 
 
 def pace_factor(pace: str) -> float:
