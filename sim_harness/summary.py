@@ -9,7 +9,7 @@ from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
 from sim_harness.navigation_watch import held_values
-from sim_harness.outcomes import outcome_class
+from sim_harness.outcomes import limits_exceeded, outcome_class
 from sim_harness.terminal import told
 
 TIMING_KEY = "timing"  # of a recording's results
@@ -167,7 +167,12 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
         "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
         **frame_facts(run),
     }
-    return {**facts, "outcome_class": outcome_class(facts, run.plan.mission.judgement)}
+    judgement = run.plan.mission.judgement
+    return {
+        **facts,
+        "limits_exceeded": limits_exceeded(facts, judgement),
+        "outcome_class": outcome_class(facts, judgement),
+    }
 
 
 def summary_of(run: FlightRun) -> dict[str, Any]:

@@ -29,7 +29,7 @@ counter included, and that no frame of a message passes as one of another.
 
 
 def _range(signal: Signal) -> str:
-    return f"{signal.low:.10g} to {signal.high:.10g}"
+    return f"{signal.low:z.10g} to {signal.high:z.10g}"
 
 
 def _kind(signal: Signal) -> str:
@@ -53,9 +53,9 @@ def _overview() -> list[str]:
     ]
     for row in load.messages:
         cycle = f"{row.cycle_ms} ms" if row.cycle_ms else "event"
-        share = f"{PERCENT * row.load_ratio:.3f} %"
+        share = f"{PERCENT * row.load_ratio:z.3f} %"
         lines.append(f"| 0x{row.can_id:03X} | {row.message} | {row.sender} | {cycle} | {share} |")
-    lines.append(f"| | total | | | {PERCENT * load.total_ratio:.2f} % |")
+    lines.append(f"| | total | | | {PERCENT * load.total_ratio:z.2f} % |")
     return lines
 
 

@@ -42,7 +42,7 @@ class Rates:
 def _value_text(signal: icd.Signal, value: float) -> str:
     """A name where the value has one, a checksum as its bytes, else as many digits as are sent."""
     digits = min(max(math.ceil(-math.log10(abs(signal.scale))), 0), DIGITS_MAX)
-    text = dict(signal.names).get(round(value)) or f"{value:.{digits}f}"
+    text = dict(signal.names).get(round(value)) or f"{value:z.{digits}f}"
     if signal.name.endswith(CHECKSUM_SUFFIX):
         text = f"0x{round(value):0{signal.bits // 4}x}"
     return f"{signal.name} {text}"
@@ -62,8 +62,8 @@ def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -
     """All identifiers heard so far."""
     load = traffic.bits / traffic.elapsed_s / bitrate_bps
     table = Table(
-        title=f"{traffic.frames} frames in {traffic.elapsed_s:.1f} s",
-        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; {traffic.errors.text}",
+        title=f"{traffic.frames} frames in {traffic.elapsed_s:z.1f} s",
+        caption=f"{PERCENT * load:z.2f} % of {bitrate_bps} bit/s at worst; {traffic.errors.text}",
     )
     for heading in ("id", "message", "sender"):
         table.add_column(heading, no_wrap=True)
@@ -77,7 +77,7 @@ def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -
             heard.name or "(foreign)",
             heard.message.sender if heard.message else "",
             str(heard.frames),
-            f"{rates.get(key, 0.0):.1f}",
+            f"{rates.get(key, 0.0):z.1f}",
             str(heard.errors) if heard.message else "",
             values_text(heard),
         )
@@ -125,13 +125,13 @@ def comparison_table(load: BusLoad, traffic: Traffic) -> Table:
             row.message,
             row.sender,
             str(row.cycle_ms) if row.cycle_ms else "event",
-            f"{1e3 / row.cycle_ms:.1f}" if row.cycle_ms else "",
-            f"{PERCENT * row.load_ratio:.3f}",
-            f"{heard.frames / elapsed_s:.1f}",
-            f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}",
+            f"{1e3 / row.cycle_ms:z.1f}" if row.cycle_ms else "",
+            f"{PERCENT * row.load_ratio:z.3f}",
+            f"{heard.frames / elapsed_s:z.1f}",
+            f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:z.3f}",
         )
     for heard in sorted(left.values(), key=lambda h: h.key):
-        share = f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}"
-        rate = f"{heard.frames / elapsed_s:.1f}"
+        share = f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:z.3f}"
+        rate = f"{heard.frames / elapsed_s:z.1f}"
         table.add_row(heard.can_id, "(foreign)", "", "", "", "", rate, share)
     return table

@@ -40,6 +40,9 @@ TELEMETRY = (
 )
 (DRAG_REF, DRAG_ERROR, DRAG_RATE, RATE_REF, RATE_MODEL, COS_WANTED, ENERGY, RANGE_ERROR) = range(8)
 
+FIRST_PHASE = dict.fromkeys(TELEMETRY, TRACKING)
+"""Telemetry that is not formed before a phase; the reference begins where tracking does."""
+
 DESIGN = RecordSpec(
     "drag_tracking",
     Field("reference", record=REFERENCE),

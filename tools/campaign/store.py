@@ -106,6 +106,7 @@ class Store:
             "version": version("aeroshell"),
             "requirements": [r.model_dump() for r in plan.requirements],
             "told_to_both": list(plan.told_to_both),
+            "fixed": dict(plan.fixed),
             "job": encoded(
                 {
                     "mission_tree": job.mission_tree,

@@ -85,8 +85,8 @@ def table(found: "list[Latency]") -> str:
         "| --- | --- |" + " ---: |" * (len(PERCENTILES) + 2),
     ]  # fmt: skip
     for row in found:
-        traffic = f"{row.foreign_rate_hz:,.0f} frames/s" if row.foreign_rate_hz else "none"
-        cells = [f"{row.round_trip_us[key]:,.1f}" for key in PERCENTILES]
+        traffic = f"{row.foreign_rate_hz:z,.0f} frames/s" if row.foreign_rate_hz else "none"
+        cells = [f"{row.round_trip_us[key]:z,.1f}" for key in PERCENTILES]
         cells += [f"{row.sets:,}", f"{row.late_commands:,}"]
         lines.append(f"| {row.bus} | {traffic} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -76,8 +76,8 @@ def hub(
 def _verdict(load: BusLoad) -> str:
     verdict = "below" if load.is_within_limit else "NOT below"
     return (
-        f"{PERCENT * load.total_ratio:.2f} % of {load.bitrate_bps} bit/s at worst, "
-        f"{verdict} the limit of {PERCENT * LOAD_LIMIT:.0f} %"
+        f"{PERCENT * load.total_ratio:z.2f} % of {load.bitrate_bps} bit/s at worst, "
+        f"{verdict} the limit of {PERCENT * LOAD_LIMIT:z.0f} %"
     )
 
 
@@ -94,7 +94,7 @@ def _print_table(load: BusLoad) -> None:
             row.sender,
             str(row.cycle_ms) if row.cycle_ms else "event",
             str(row.frame_bits),
-            f"{PERCENT * row.load_ratio:.3f}",
+            f"{PERCENT * row.load_ratio:z.3f}",
         )
     show(table)
     tell(_verdict(load))
@@ -141,7 +141,7 @@ def load(
     else:
         show(comparison_table(of_bus, traffic))
         tell(_verdict(of_bus))
-        tell(f"{PERCENT * summary['measured']['load_ratio']:.2f} % measured on {measure}")
+        tell(f"{PERCENT * summary['measured']['load_ratio']:z.2f} % measured on {measure}")
     if not of_bus.is_within_limit:
         raise typer.Exit(REFUSED)
 

@@ -56,11 +56,11 @@ class ProgressOfMany:
                 self.say(f"{done:,} of {n:,} flights are there already")
         spent_s = max(now_s - self._begun_s, 1e-9)
         rate = (done - self._before) / spent_s
-        self._bar.update(self._task, completed=done, total=n, rate=f"{rate:.1f} flights/s")
+        self._bar.update(self._task, completed=done, total=n, rate=f"{rate:z.1f} flights/s")
         if self._lines and now_s - self._told_s > LINE_EVERY_S and rate > 0.0:
             self._told_s = now_s
             left_s = (n - done) / rate
-            self.say(f"{done:,} of {n:,} flights, {rate:.1f} flights/s, {left_s:.0f} s to go")
+            self.say(f"{done:,} of {n:,} flights, {rate:z.1f} flights/s, {left_s:z.0f} s to go")
 
     def say(self, text: str) -> None:
         """One line on stderr, above the bar."""
@@ -143,20 +143,20 @@ def _report(folder: Path) -> None:
 
 def _show(flown: "Campaign") -> None:
     """Classes, distributions, verdicts, and how fast it went."""
-    from tools.campaign.tables import distribution_table, requirement_table
+    from tools.campaign.tables import distribution_table, limits_of, requirement_table
     from tools.console import show
 
     identity, verdict = flown.manifest["identity"], flown.manifest["verdict"]
     counts = {name: count for name, count in verdict["outcome_classes"].items() if count}
-    told = ", ".join(f"{count:,} {name}" for name, count in counts.items())
+    told = ", ".join(f"{count:,} {name}{limits_of(flown, name)}" for name, count in counts.items())
     show(distribution_table(flown))
     if verdict["requirements"]:
         show(requirement_table(verdict["requirements"]))
     tell(f"{identity['mission']}, law {identity['law']}, {identity['n']:,} flights: {told}")
     if how := flown.manifest.get("flown"):
         tell(
-            f"{how['flights']:,} flown in {how['wall_s']:,.1f} s, "
-            f"{how['flights'] / how['wall_s']:.1f} flights/s, {how['jobs']} at a time, "
-            f"{how['cpu_s'] / how['flights'] * 1e3:.0f} ms of processor time a flight; "
+            f"{how['flights']:,} flown in {how['wall_s']:z,.1f} s, "
+            f"{how['flights'] / how['wall_s']:z.1f} flights/s, {how['jobs']} at a time, "
+            f"{how['cpu_s'] / how['flights'] * 1e3:z.0f} ms of processor time a flight; "
             f"{flown.folder}/"
         )

@@ -22,6 +22,6 @@ def export(
     folder = out or recording.path.with_name(f"{recording.path.stem}-{form}")
     written = write(recording, form, folder, force=force)
     if not recording.is_complete:
-        say(f"{flight}: incomplete, exported is the flight until {recording.until_s:.2f} s")
+        say(f"{flight}: incomplete, exported is the flight until {recording.until_s:z.2f} s")
     for path in written:
         tell(path)

@@ -52,7 +52,7 @@ def _headline(found: "FlightTiming") -> str:
     what = f"{flown['minor_frames']:,} minor frames on bus {flown['bus']}"
     if found.is_lockstep:
         return f"{what}, lockstep"
-    reached = f"pace {counts['pace']}, reached {counts['pace_reached']:.3f}x"
+    reached = f"pace {counts['pace']}, reached {counts['pace_reached']:z.3f}x"
     return (
         f"{what}, {flown['synchronisation']}-synchronised, {reached}\n"
         f"{counts['slips']} slips, {counts['ticks']} ticks, "
@@ -69,7 +69,7 @@ def _text(found: "FlightTiming") -> str:
     else:
         held = "held" if counts["pace_held"] else "not held"
         lines += [
-            f"period         {period_us(found):10,.1f} us",
+            f"period         {period_us(found):z10,.1f} us",
             f"pace           {held}",
             f"slips          {counts['slips']:8,}    frames not over when the next was due",
             f"ticks          {counts['ticks']:8,}    cycles closed without navigation",
@@ -77,11 +77,11 @@ def _text(found: "FlightTiming") -> str:
         ]
     if found.stolen_s is not None:
         lines.append(
-            f"stolen         {found.stolen_s:8.2f}    s of processor time, by a hypervisor"
+            f"stolen         {found.stolen_s:z8.2f}    s of processor time, by a hypervisor"
         )
     width = max(len(quantity.title) for quantity in found.measured)
     lines += ["", " " * width + "".join(f"{label:>12}" for label in PERCENTILES.values()) + "  us"]
     for quantity in found.measured:
-        cells = "".join(f"{quantity.percentiles_us[key]:12,.1f}" for key in PERCENTILES)
+        cells = "".join(f"{quantity.percentiles_us[key]:z12,.1f}" for key in PERCENTILES)
         lines.append(f"{quantity.title:<{width}}{cells}")
     return "\n".join(lines)
