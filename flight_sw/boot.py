@@ -4,6 +4,7 @@ From opening the bus until the first cycle the computer announces itself with FS
 ground can tell a computer that compiles from one that is not there.
 """
 
+import contextlib
 import gc
 import json
 import signal
@@ -36,6 +37,7 @@ from flight_sw.executive import (
 )
 from flight_sw.guidance import LAWS
 from flight_sw.histogram import filled_bins_us, percentiles_us
+from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
@@ -43,7 +45,6 @@ from flight_sw.scheduling import run_in_bursts
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
-SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILES = "flight computer: compiling law"
 COMPILING, READY = 0, 1
@@ -148,16 +149,16 @@ class FlightComputer:
             sys.stderr.flush()
 
     def compile(self) -> None:
-        """Load or make the machine code; says so if it takes long."""
+        """Load or make the machine code; says so if it has to be made."""
         start_s = time.monotonic()
-        notice = threading.Timer(
-            SLOW_COMPILE_S,
-            lambda: sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor, once\n"),
-        )
-        notice.start()
-        self._serve(new_state(self.image.law), self.executive.copy(), 0)
-        notice.cancel()
+        with on_compiling(self._say_compiling):
+            self._serve(new_state(self.image.law), self.executive.copy(), 0)
         self.compile_s = time.monotonic() - start_s
+
+    def _say_compiling(self) -> None:
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # nobody to tell
+            sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor\n")
+            sys.stderr.flush()
 
     def discard(self) -> None:
         """Drop what came while nobody listened: a full queue would not take the first request."""

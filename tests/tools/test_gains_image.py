@@ -96,8 +96,8 @@ def test_provenance_tells_inputs_and_the_image(folder: Path) -> None:
             lambda f: image_path(f, "lqy").write_bytes(b"AEROLOAD" + bytes(100)),
             ["lqy.load: 108 bytes, regenerated"],
         ),
-        (lambda f: provenance_path(f, "lqy").unlink(), ["lqy.json: missing or not JSON"]),
-        (lambda f: provenance_path(f, "lqy").write_text("{"), ["lqy.json: missing or not JSON"]),
+        (lambda f: provenance_path(f, "lqy").unlink(), ["lqy.json: cannot be read"]),
+        (lambda f: provenance_path(f, "lqy").write_text("{"), ["lqy.json: is not JSON"]),
         (
             lambda f: provenance_path(f, "lqy").write_text('{"law": "lqy"}'),
             ["lqy.json: differs in"],

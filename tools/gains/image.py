@@ -17,6 +17,7 @@ import numpy.typing as npt
 from flight_sw import icd
 from flight_sw.errors import DesignError, LoadError
 from flight_sw.load_image import HEADER, image_bytes, layout_hash, parse_image
+from sim_harness.documents import read_json
 from sim_harness.mission import Mission, find, load_mission
 from tools.gains.body import fill_body
 from tools.gains.schema import Design, design_of, read_tree
@@ -196,9 +197,11 @@ def differences(folder: Path, made: Made) -> list[str]:
         )
     told = provenance_path(folder, made.law)
     try:
-        before = json.loads(told.read_text())
-    except (OSError, ValueError):
-        return [*found, f"{told}: missing or not JSON"]
+        before = read_json(told, DesignError)
+    except DesignError as error:
+        return [*found, str(error)]
+    if not isinstance(before, dict):
+        return [*found, f"{told}: is no provenance"]
     ours = json.loads(provenance_text(made.provenance))
     passed_over = {"versions"} | (CRC_KEYS if is_close else set())
     keys = [

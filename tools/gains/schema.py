@@ -1,6 +1,5 @@
 """What a `design.toml` holds: every choice of the guidance engineer, with unit and range."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -8,8 +7,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import LAWS
+from sim_harness.documents import quoted, read_toml
 from sim_harness.mission_errors import sentence
-from sim_harness.quantities import INF, Quantity, Section, Series, Text, refusal
+from sim_harness.quantities import INF, Quantity, Section, Series, Text, plain, refusal
 from tools.gains.drag_choices import DragTracking, NominalFlight, RangePredictor
 
 
@@ -215,18 +215,13 @@ class Design(Section):
     def _has_known_laws(self) -> Self:
         for law in self.laws:
             if law not in LAWS:
-                raise refusal(f'laws names "{law}", allowed {", ".join(LAWS)}')
+                raise refusal(f"laws names {quoted(law)}, allowed {', '.join(LAWS)}")
         return self
 
 
 def read_tree(path: Path) -> dict[str, Any]:
     """The file as nested tables; raises DesignError if it cannot be read as TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DesignError(f"{path}: cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DesignError(f"{path}: not TOML ({error})") from error
+    return read_toml(path, DesignError, str(path))
 
 
 def design_of(tree: dict[str, Any], where: str) -> Design:
@@ -236,3 +231,11 @@ def design_of(tree: dict[str, Any], where: str) -> Design:
     except ValidationError as error:
         problems = "; ".join(sentence(Design, tree, e) for e in error.errors()[:3])
         raise DesignError(f"{where}: {problems}") from error
+
+
+def laws_of(tree: dict[str, Any], path: Path) -> list[str]:
+    """The laws that a design names; raises DesignError where its list is none."""
+    laws = tree.get("laws", [])
+    if not isinstance(laws, list) or not all(isinstance(law, str) for law in laws):
+        raise DesignError(f"{path}: laws is {plain(laws)}, allowed a list of names of laws")
+    return laws
