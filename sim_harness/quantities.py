@@ -32,7 +32,7 @@ def plain(value: object) -> str:
         return str(value).lower()
     if isinstance(value, float):
         return f"{value:.12g}"
-    return short(str(value))
+    return "null" if value is None else short(str(value))
 
 
 def number_of(value: object) -> float:

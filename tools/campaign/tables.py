@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 from rich.table import Table
 
+from tools.campaign.columns import numbers
 from tools.show import ROWS
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def distribution_table(flown: "Campaign") -> Table:
     for label, key, unit in (*ROWS, *MORE_ROWS):
         if key not in flown.results.column_names:
             continue
-        values = flown.results[key].cast(pa.float64()).to_numpy()
+        values = numbers(flown.results, key)
         values = values[np.isfinite(values)]
         if len(values):
             cells = np.quantile(values, QUANTILES, method="inverted_cdf")
