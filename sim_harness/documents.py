@@ -25,6 +25,7 @@ DEPTH_MAX = 32  # tables and lists within each other, and parts of a dotted key
 NUMBER_CHARACTERS_MAX = 200
 ECHO_CHARACTERS = 200  # of a value that a sentence repeats
 REST = "..."
+SURROGATE = b"\\ud"  # of JSON: half of a character, which no text may hold alone
 BYTE_ORDER_MARK = "\ufeff"
 
 # Each alternative takes all it can reach, whether it ends as it should or not: one pass, whatever
@@ -41,14 +42,16 @@ class DocumentError(ValueError):
 
 
 def short(text: str) -> str:
-    """A text as a sentence repeats it."""
-    return text if len(text) <= ECHO_CHARACTERS else text[: ECHO_CHARACTERS - len(REST)] + REST
+    """A text as a sentence repeats it: cut, and without what a terminal would act on."""
+    shown = "".join(
+        c if c.isprintable() else f"\\u{ord(c):04x}" for c in text[: 2 * ECHO_CHARACTERS]
+    )
+    return shown if len(shown) <= ECHO_CHARACTERS else shown[: ECHO_CHARACTERS - len(REST)] + REST
 
 
 def quoted(text: str) -> str:
     """A text of a file in quotes, in one line and without what a terminal would act on."""
-    shown = short(json.dumps(text[: ECHO_CHARACTERS + 1], ensure_ascii=False)[1:-1])
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in shown) + '"'
+    return '"' + short(json.dumps(text[: 2 * ECHO_CHARACTERS], ensure_ascii=False)[1:-1]) + '"'
 
 
 def content_of(path: Path, bytes_max: int) -> bytes:
@@ -144,6 +147,11 @@ def json_of(raw: bytes) -> Any:
     except ValueError as error:
         raise DocumentError(f"is not JSON: {short(str(error))}") from None
     check_depth(value)
+    if SURROGATE in raw.lower():
+        try:
+            json.dumps(value, ensure_ascii=False).encode("utf-8")
+        except UnicodeEncodeError:
+            raise DocumentError("is not JSON: half of a surrogate pair in a text") from None
     return value
 
 

@@ -23,7 +23,7 @@ COLUMNS_MAX = 1000
 FREE_BYTES = 128 * 1024 * 1024  # that may be taken whatever the file's size is
 RATIO_MAX = 64  # of the memory taken over the file's size, beyond that
 HEADER_BYTES_MAX = 8_000_000
-NUMBER_BYTES, TEXT_BYTES = 8, 16
+NUMBER_BYTES = 8
 UNREADABLE = (
     OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError, pa.ArrowException,
 )  # fmt: skip
@@ -35,8 +35,8 @@ def refused(path: Path, why: object) -> FlightError:
     return FlightError(f"{path}: cannot be read ({short(str(why).partition(chr(10))[0])})")
 
 
-def opened(path: Path, rows: int, told_by: str) -> pq.ParquetFile:
-    """A file with so many rows, its claims checked; raises FlightError."""
+def opened(path: Path, rows: int, told_by: str, values: int = 1) -> pq.ParquetFile:
+    """A file with so many rows, its claims checked; `values` are in a cell."""
     try:
         size = path.stat().st_size
         file = pq.ParquetFile(
@@ -54,7 +54,7 @@ def opened(path: Path, rows: int, told_by: str) -> pq.ParquetFile:
         raise FlightError(f"{path}: has {told:,} flights, {told_by} says {rows:,}")
     if columns > COLUMNS_MAX or len(set(names)) < len(names):
         raise refused(path, f"it has {columns:,} columns, or two of one name")
-    return _bounded(path, file, size)
+    return _bounded(path, file, size, values)
 
 
 def bound(size: int) -> int:
@@ -62,17 +62,9 @@ def bound(size: int) -> int:
     return FREE_BYTES + RATIO_MAX * size
 
 
-def _bounded(path: Path, file: pq.ParquetFile, size: int) -> pq.ParquetFile:
-    metadata = file.metadata
-    cells = sum(
-        max(
-            metadata.row_group(i).column(j).num_values,
-            metadata.row_group(i).column(j).total_uncompressed_size // TEXT_BYTES,
-        )
-        for i in range(metadata.num_row_groups)
-        for j in range(metadata.num_columns)
-    )
-    needed = max(cells * TEXT_BYTES, metadata.num_rows * metadata.num_columns * NUMBER_BYTES)
+def _bounded(path: Path, file: pq.ParquetFile, size: int, values: int) -> pq.ParquetFile:
+    """Single columns are not asked about: pyarrow ends the process over what is damaged there."""
+    needed = file.metadata.num_rows * file.metadata.num_columns * values * NUMBER_BYTES
     if needed > bound(size):
         raise refused(path, f"{size:,} bytes that claim to hold {needed:,}")
     return file

@@ -176,7 +176,7 @@ def read_profiles(
     if not path.is_file():
         on_missing()
         return None
-    file = opened(path, n, told_by=MANIFEST)
+    file = opened(path, n, told_by=MANIFEST, values=KNOTS)
     try:
         metadata = file.schema_arrow.metadata or {}
         speed_mps = np.array(json_of(metadata[SPEEDS]), np.float64)
