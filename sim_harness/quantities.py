@@ -7,11 +7,13 @@ in it.
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from flight_sw import icd
+from flight_sw.fields import RecordSpec
 from sim_harness.documents import quoted, short
 
 INF = math.inf
@@ -41,8 +43,8 @@ def number_of(value: object) -> float:
         return math.nan
     try:
         return float(value)  # type: ignore[arg-type]
-    except OverflowError:  # an integer beyond all floats
-        return math.inf if value > 0 else -math.inf  # type: ignore[operator]
+    except OverflowError:  # an integer beyond all floats, which is not infinity
+        return math.nan
 
 
 def is_number(value: object) -> bool:
@@ -58,12 +60,18 @@ class Quantity:
     low: float
     high: float
     meaning: str
+    or_inf: bool = field(default=False, kw_only=True)
+    """Infinity is allowed beyond the range: there is no limit."""
 
     @property
     def span(self) -> str:
         """The range of one number in words."""
         unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:.12g} to {self.high:.12g}{unit}"
+        return f"{self.low:.12g} to {self.high:.12g}{unit}{', or inf' if self.or_inf else ''}"
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is allowed."""
+        return self.low <= value <= self.high or (self.or_inf and value == INF)
 
     @property
     def allowed(self) -> str:
@@ -73,7 +81,7 @@ class Quantity:
     def check(self, value: object) -> float:
         """The value as a float, or a refusal."""
         number = number_of(value)
-        if not self.low <= number <= self.high:
+        if not self.holds(number):
             raise refusal(f"is {plain(value)}, allowed {self.allowed}")
         return number
 
@@ -105,7 +113,7 @@ class Series(Quantity):
         if not self.length_min <= len(value) <= self.length_max:
             raise refusal(f"has {len(value)} values, allowed {self.allowed}")
         for i, item in enumerate(value):
-            if not self.low <= number_of(item) <= self.high:
+            if not self.holds(number_of(item)):
                 raise refusal(f"value {i + 1} is {plain(item)}, allowed {self.allowed}")
             if self.ascending and i > 0 and not item > value[i - 1]:
                 raise refusal(
@@ -117,6 +125,40 @@ class Series(Quantity):
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.check_list)
+
+
+SI = {
+    "km": 1e3,
+    "kW/m2": 1e3,
+    "kPa": 1e3,
+    "deg": math.pi / 180.0,
+    "deg/s": math.pi / 180.0,
+    "deg/s2": math.pi / 180.0,
+}
+"""A unit of the files in SI; units that are not named are those of the records."""
+DIGITS = 12  # of a range's ends in a file's unit: beyond what a conversion there and back changes
+
+
+def in_unit(value_si: float, unit: str) -> float:
+    """A value in SI as a file states it."""
+    return float(f"{value_si / SI.get(unit, 1.0):.{DIGITS}g}")
+
+
+def span_of(spec: RecordSpec, name: str, unit: str) -> tuple[float, float]:
+    """The range of a field of the flight computer's load, in a file's unit."""
+    found = next(known for known in spec.fields if known.name == name)
+    return in_unit(found.low, unit), in_unit(found.high, unit)
+
+
+def loaded(spec: RecordSpec, name: str, unit: str, meaning: str, or_inf: bool = False) -> Quantity:
+    """A quantity that goes into the flight computer's load: its range is that of the field."""
+    return Quantity(unit, *span_of(spec, name, unit), meaning, or_inf=or_inf)
+
+
+def carried(message: str, signal: str, unit: str, meaning: str) -> Quantity:
+    """A quantity that navigation reports: its range is that of the signal."""
+    low, high = icd.signal_range(message, signal)
+    return Quantity(unit, in_unit(low, unit), in_unit(high, unit), meaning)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import Any
 from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
+from sim_harness.navigation_watch import held_values
 from sim_harness.outcomes import outcome_class
 from sim_harness.terminal import told
 
@@ -138,7 +139,7 @@ def frame_facts(run: FlightRun) -> dict[str, Any]:
         "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
         "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
         "navigation_dropouts": int(run.harness["navigation"]["dropouts"][0]),
-        "navigation_saturations": int(run.harness["navigation"]["saturations"][0]),
+        "navigation_saturations": int(run.harness["navigation"]["saturations"].sum()),
         "navigation_refused": int(port["tx_refused"]),
         "command_sha256": run.command_sha256,
         "load_crc32": f"0x{run.image.crc32:08x}",
@@ -177,6 +178,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
     return {
         **facts,
         "bus": run.plan.bus,
+        "navigation_held": held_values(harness["navigation"]),
         "synchronisation": run.plan.synchronisation,
         "rejected_by_flight_computer": rejected(run.computer["verdicts"]) if reported else None,
         "rejected_by_harness": rejected(verdicts(port["rx"]["counted"])),

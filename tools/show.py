@@ -140,8 +140,12 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
     pace = ""
     if not summary["pace_held"]:
         pace = f"pace {summary['pace']} not held, {summary['pace_reached']:,.2f}x reached; "
+    held = "".join(
+        f"{name} beyond the bus and held {count:,} times; "
+        for name, count in summary["navigation_held"].items()
+    )
     return (
-        f"{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
+        f"{held}{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
         f"{summary['frames_rejected']} frames rejected; {timing}{pace}"
         f"{summary['speedup']:,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"
