@@ -172,9 +172,9 @@ def read_csv(path: Path) -> dict[str, Any]:
     if unknown or not header or len(set(header)) < len(header):
         told = documents.short(",".join(header))
         why = ", separated by semicolons" if any(";" in name for name in header) else ""
+        why = why or (", a column twice" if header and not unknown else "")
         raise MissionError(
-            f"{path.name}: header is {documents.quoted(told)}{why}, allowed columns "
-            f"{', '.join(CSV_COLUMNS)}, each once, separated by commas"
+            f"{path.name}: header is {told}{why}, allowed columns {', '.join(CSV_COLUMNS)}"
         )
     columns: dict[str, list[float]] = {name: [] for name in header}
     for number, row in rows[1:]:

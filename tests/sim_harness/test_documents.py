@@ -210,7 +210,7 @@ def test_the_kept_table_is_read(own_mission: Path) -> None:
         (TABLE.replace("0.0889", '"0,0889"').encode(), 'is "0,0889", allowed a number'),
         (TABLE.replace("217", "217,5").encode(), "line 3 has 4 values, allowed 3"),
         (TABLE.replace("20,", "\n20,").encode(), "line 3 has 0 values, allowed 3"),
-        (TABLE.replace("temperature_k", "density_kgpm3").encode(), "each once"),
+        (TABLE.replace("temperature_k", "density_kgpm3").encode(), "a column twice"),
         (b"", "header is"),
         (b"\xff\xfe" + TABLE.encode("utf-16-le"), "air.csv: is not UTF-8 text at byte 0"),
         (TABLE.encode() + b'"' + b"x" * 200_000, "air.csv: line"),
