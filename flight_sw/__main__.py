@@ -4,13 +4,17 @@ import argparse
 import sys
 from pathlib import Path
 
-from flight_sw.errors import AeroshellError
+from flight_sw import program
 
 PACE_LOW, PACE_HIGH = 0.01, 1000.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse, boot, and turn a refusal into one sentence and exit status 1."""
+    """Parse and boot; a refusal is one sentence and exit status 1."""
+    return program.run("flight computer", lambda: _boot(arguments))
+
+
+def _boot(arguments: list[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m flight_sw",
         description="Flight computer: serves a CAN bus until it is told to stop.",
@@ -36,12 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"--pace is {options.pace:g}, allowed {PACE_LOW:g} to {PACE_HIGH:g}")
     from flight_sw.boot import Timing, boot  # the compiler is slow to import: not for --help
 
-    try:
-        boot(options.load, options.bus, Timing(options.synchronisation, options.pace))
-    except AeroshellError as error:
-        sys.stderr.write(f"flight computer: {error}\n")
-        return 1
-    return 0
+    boot(options.load, options.bus, Timing(options.synchronisation, options.pace))
+    return program.DONE
 
 
 if __name__ == "__main__":

@@ -4,12 +4,10 @@ From opening the bus until the first cycle the computer announces itself with FS
 ground can tell a computer that compiles from one that is not there.
 """
 
-import contextlib
 import gc
 import json
 import signal
 import socket
-import sys
 import threading
 import time
 from dataclasses import dataclass, field
@@ -22,6 +20,7 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
+from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
@@ -41,6 +40,7 @@ from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
+from flight_sw.streams import say, tell
 
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
@@ -145,20 +145,14 @@ class FlightComputer:
         """
         words = [word for word in (missing, take_priority(punctual_processor())) if word]
         if words:
-            sys.stderr.write(f"{NOT_PERMITTED} {'; '.join(words)}\n")
-            sys.stderr.flush()
+            say(f"{NOT_PERMITTED} {'; '.join(words)}")
 
     def compile(self) -> None:
         """Load or make the machine code; says so if it has to be made."""
         start_s = time.monotonic()
-        with on_compiling(self._say_compiling):
+        with on_compiling(lambda: say(f"{COMPILES} '{self.image.law}' for this processor")):
             self._serve(new_state(self.image.law), self.executive.copy(), 0)
         self.compile_s = time.monotonic() - start_s
-
-    def _say_compiling(self) -> None:
-        with contextlib.suppress(OSError, ValueError, AttributeError):  # nobody to tell
-            sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor\n")
-            sys.stderr.flush()
 
     def discard(self) -> None:
         """Drop what came while nobody listened: a full queue would not take the first request."""
@@ -216,6 +210,7 @@ class FlightComputer:
         """What the computer can tell of its flight."""
         executive, state = self.executive[0], self.state[0]
         counted = state["rx"]["counted"]
+        errors = account_of(executive["errors"])
         return {
             "law": self.image.law,
             "load_crc32": f"0x{self.image.crc32:08x}",
@@ -224,8 +219,10 @@ class FlightComputer:
             "frames_sent": int(executive["frames_sent"]),
             "verdicts": {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)},
             "wrong_size": int(self.io["wrong_size"][0]),
-            "error_frames": int(executive["error_frames"]),
-            "error_counters": [int(n) for n in executive["error_counters"]],
+            "error_frames": errors.frames,
+            "bus_off": errors.bus_off,
+            "bus_errors": list(errors.words),
+            "error_counters": list(errors.counters),
             "frames_dropped": frames_dropped(self.bus),
             "bus_losses": int(executive["bus_losses"]),
             "bus_down_s": round(self.bus_down_s(), 3),
@@ -247,8 +244,7 @@ def boot(load_path: Path, bus_address: str, timing: Timing) -> None:
     """Run a flight computer to its end and print its report; raises AeroshellError if refused."""
     computer = FlightComputer(load_path, bus_address, timing)
     outcome = computer.run()
-    sys.stdout.write(json.dumps(computer.report()) + "\n")
-    sys.stdout.flush()
+    tell(json.dumps(computer.report()))
     computer.bus.close()
     if outcome == BUS_LOST:
         cycles, down_s = int(computer.executive["cycles"][0]), computer.bus_down_s()

@@ -11,7 +11,6 @@ import hashlib
 import os
 import pickle
 import stat
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +20,8 @@ from typing import Any
 
 from numba.core import compiler, serialize
 from numba.core.caching import _Cache
+
+from flight_sw.streams import say
 
 dumps: Callable[[object], bytes] = serialize.dumps
 rebuilt: Callable[..., Any] = compiler.CompileResult._rebuild
@@ -59,9 +60,7 @@ def _say_once(text: str) -> None:
     """One line on stderr a process; what cannot be told decides on nothing."""
     if text not in _said:
         _said.add(text)
-        with suppress(OSError, ValueError, AttributeError):  # full, closed, not there
-            sys.stderr.write(f"{text}\n")
-            sys.stderr.flush()
+        say(text)
 
 
 def distrust(folder: Path) -> str:

@@ -1,8 +1,7 @@
 """Replays on the ground's side: what takes long is said, what is written is not overwritten."""
 
-import sys
 import time
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pyarrow as pa
 from flight_sw.errors import AeroshellError, RecordingError
 from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, read_image
+from flight_sw.streams import say
 from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up
 from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_computer
@@ -23,12 +23,7 @@ NOTHING = "holds no minor frame that its flight computer answered, nothing is to
 
 def say_compiling(what: str) -> AbstractContextManager[None]:
     """Says on stderr if something is compiled in a block."""
-
-    def say() -> None:
-        with suppress(OSError, ValueError, AttributeError):  # nobody to tell
-            sys.stderr.write(f"compiling {what} for this processor\n")
-
-    return on_compiling(say)
+    return on_compiling(lambda: say(f"compiling {what} for this processor"))
 
 
 def replayed(flight: Path) -> tuple[Recording, Replay, float]:
