@@ -13,7 +13,6 @@ from flight_sw import icd
 from flight_sw.boot import READY
 from flight_sw.can.address import frames_dropped, open_bus
 from flight_sw.can.sockets import new_io, send_frames
-from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import BusError, FlightError
 from flight_sw.privileges import (
@@ -24,6 +23,7 @@ from flight_sw.privileges import (
     take_priority,
     unlock_memory,
 )
+from flight_sw.reception import ARM, STOP
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import no_ear, socket_ear

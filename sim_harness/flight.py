@@ -19,12 +19,13 @@ import numpy.typing as npt
 from flight_sw import icd
 from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import VERDICTS
-from flight_sw.computer import ARM, STOP, minor_frame, new_state
+from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, parse_image
+from flight_sw.reception import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear
 from sim_harness.error_watch import ErrorWatch
