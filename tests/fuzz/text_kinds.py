@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from flight_sw.computer import ARM
 from flight_sw.fields import RecordSpec
 from flight_sw.load_image import HEADER, body_spec, parse_image
+from flight_sw.reception import ARM
 from sim_harness.dispersions import draw, fixed
 from sim_harness.documents import json_of
 from sim_harness.flight import FlightPlan, FlightRun, hand_over, memory_loop
