@@ -1,20 +1,18 @@
 """A flight's timing, as its summary or its recording tells it."""
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from flight_sw.echo import echoed
-from flight_sw.errors import AeroshellError, RecordingError
+from flight_sw.errors import AeroshellError
+from sim_harness.documents import DocumentError, json_of, read_json
 from sim_harness.summary import TIMING_KEY
-from sim_harness.telemetry.files import read_whole
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 
 SUMMARY_NAME = "summary.json"
-SUMMARY_BYTES_MAX = 1 << 24
 NUMBER_MAX = 1e15
 WORDS = ("pace", "bus", "synchronisation")  # the others are numbers
 PACE = re.compile(r"lockstep|realtime|[0-9]{1,9}(\.[0-9]{1,9})?(e[+-]?[0-9]{1,2})?x")
@@ -71,13 +69,7 @@ class FlightTiming(NamedTuple):
 
 
 def _from_summary(path: Path) -> Any:
-    try:
-        found = json.loads(read_whole(path, SUMMARY_BYTES_MAX).decode())
-    except RecordingError as error:
-        raise TimingError(str(error)) from error
-    except (ValueError, RecursionError) as error:
-        raise TimingError(f"{path}: is no summary of a flight, it is not JSON") from error
-    return found
+    return read_json(path, TimingError)
 
 
 def _from_recording(path: Path) -> Any:
@@ -88,9 +80,9 @@ def _from_recording(path: Path) -> Any:
         why = "" if recording.is_complete else ", its recorder was cut off"
         raise TimingError(f"{path}: holds no timing{why}")
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise TimingError(f"{path}: its timing is not JSON") from error
+        return json_of(text.encode())
+    except DocumentError as error:
+        raise TimingError(f"{path}: its timing {error}") from error
 
 
 def _file_of(flight: Path) -> Path:
@@ -151,7 +143,7 @@ def read_timing(flight: Path) -> FlightTiming:
         measured = _measured(told["timing"])
         stolen_s = told["timing"]["harness"].get("stolen_s")
         stolen_s = None if stolen_s is None else _number(stolen_s)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise TimingError(f"{path}: holds no timing, or one of another version") from error
     if not measured:
         raise TimingError(f"{path}: holds no timing, nothing of the flight was measured")

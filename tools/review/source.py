@@ -5,7 +5,6 @@ review and named in `gaps`; nothing is assumed in its place.
 """
 
 import functools
-import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,8 @@ import numpy.typing as npt
 
 from flight_sw.echo import echoed
 from flight_sw.errors import AeroshellError, RecordingError
-from sim_harness.mission import Mission, apply, mission_of, read_toml
+from sim_harness import documents
+from sim_harness.mission import Mission, apply, mission_of
 from sim_harness.telemetry.reader import Recording, open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 from tools.review.corridor import PathLimits
@@ -86,13 +86,11 @@ class FlightData:
     @functools.cached_property
     def tables(self) -> dict[str, Any]:
         """The mission as it was flown, with its overrides; the file where it is not understood."""
-        import tomllib
-
         if self.mission is not None:
             return self.mission.model_dump()
         try:
-            return tomllib.loads(self.recording.attachment(MISSION_SUFFIX).decode())
-        except (RecordingError, ValueError, RecursionError):
+            return documents.toml_of(self.recording.attachment(MISSION_SUFFIX))
+        except (RecordingError, documents.DocumentError):
             return {}
 
     def _mission(self) -> tuple[Mission | None, Any]:
@@ -104,13 +102,12 @@ class FlightData:
             self.gaps.append("no mission is attached: no planet, limits and corridor")
             return None, None
         try:
-            overrides = json.loads(self.recording.manifest.get(OVERRIDES, "{}"))
+            overrides = documents.json_of(self.recording.manifest.get(OVERRIDES, "{}").encode())
             if not isinstance(overrides, dict):
-                raise ValueError(f"{OVERRIDES} are no set of keys")
+                raise documents.DocumentError("its overrides are no table")
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder, f"mission{MISSION_SUFFIX}")
-                path.write_bytes(attachments[names[0]])
-                raw = read_toml(path)
+                raw = documents.toml_of(attachments[names[0]])
                 apply(raw, overrides)
                 self._bring_table(raw, path.with_name("atmosphere.csv"))
                 mission = mission_of(raw, path, echoed(names[0]))
@@ -124,7 +121,7 @@ class FlightData:
         """Put the table of air that is attached where the mission then finds it, whatever its name:
         a name that came with a recording leads to nothing but what is in it."""
         air = raw.get("atmosphere")
-        if isinstance(air, dict) and "csv" in air:
+        if isinstance(air, dict) and isinstance(air.get("csv"), str):
             if air["csv"] not in self.recording.attachments:
                 raise RecordingError(f"its table {echoed(air['csv'])} is not attached")
             path.write_bytes(self.recording.attachments[air["csv"]])
