@@ -15,6 +15,8 @@ from flight_sw.can.codec import pack
 from flight_sw.can.e2e import counter_of, protect
 from flight_sw.can.receiver import (
     IMPLAUSIBLE,
+    MISDIRECTED,
+    OK,
     RX_STATE,
     WRONG_SEQUENCE,
     accept,
@@ -27,19 +29,26 @@ from flight_sw.can.receiver import (
 )
 from flight_sw.dictionary import GUIDANCE, NAV, TICK_ID
 from flight_sw.guidance import law_module, law_step
+from flight_sw.identity import ALONE, NOBODY
 from flight_sw.jit import kernel
 from flight_sw.limits import LIMITER, limit
+from flight_sw.requests import (
+    PRESENT,
+    REQUEST,
+    REQUEST_COMPUTER,
+    REQUEST_HARNESS,
+    is_meant,
+    take_presence,
+    take_request,
+)
 from flight_sw.types_ import Frames, Record
 
 NAV_SLOTS = (gate.POSITION, gate.VERTICAL, gate.DIRECTION, gate.AERO, gate.ATTITUDE, gate.HEATING)
-REQUEST = icd.slot("GROUND_REQUEST")
 COMMAND = icd.slot("FSW_COMMAND")
 STATUS = icd.slot("FSW_STATUS")
 HEALTH = (icd.slot("RX_HEALTH_A"), icd.slot("RX_HEALTH_B"), icd.slot("RX_HEALTH_C"))
 TICKED = icd.value_index("RX_HEALTH_C", "ticked")
 
-REQUEST_CODE = icd.value_index("GROUND_REQUEST", "request")
-REQUEST_KEY = icd.value_index("GROUND_REQUEST", "load_crc32")
 BANK_CMD = icd.value_index("FSW_COMMAND", "bank_cmd_rad")
 ALPHA_CMD = icd.value_index("FSW_COMMAND", "alpha_cmd_rad")
 
@@ -55,7 +64,6 @@ SEAL = icd.value_index("FSW_STATUS", "command_seal")
 SEAL_SHIFTS = (np.uint64(16), np.uint64(32), np.uint64(48))
 SEAL_MASK = np.uint64(0xFFFF)
 
-ARM, STOP = 1, 2
 RESYNC_REFUSALS = 8  # time messages refused in a row that carry a right CRC: start afresh
 NO_SLOT = -1
 CYCLE_MODULUS = 1 << 20  # of the cycle number in FSW_STATUS
@@ -70,6 +78,8 @@ def state_dtype(law: str) -> np.dtype[np.void]:
             ("cycles_run", "u4"),  # since boot; wraps
             ("mode", "u4"),
             ("armed", "u4"),
+            ("number", "u4"),  # that this computer drew for itself
+            ("harness", "u4"),  # number of the one that it flies with; 0: none has named it
             ("stop", "u4"),
             ("radius_m", "f8"),  # of the planet, beside the fix for the gates
             ("fix_valid", "u4"),  # this cycle's navigation set was complete and consistent
@@ -97,25 +107,26 @@ def state_dtype(law: str) -> np.dtype[np.void]:
     )
 
 
-def new_state(law: str) -> npt.NDArray[np.void]:
+def new_state(law: str, number: int = ALONE) -> npt.NDArray[np.void]:
     """A computer's state before its first frame, shape (1,)."""
     state = np.zeros(1, state_dtype(law))
+    state["number"] = number
     state["fresh"] = NO_SLOT
     state["cycle"] = CYCLE_MODULUS - 1
     return state
 
 
 @kernel
-def _take_request(load: Record, state: Record) -> None:
-    """Arm or stop, if the request names the load that is flying."""
-    received = state["accepted"]
-    if int(received[REQUEST_KEY]) != int(load["crc32"]):
-        return
-    request = int(received[REQUEST_CODE])
-    if request == ARM:
-        state["armed"] = 1
-    elif request == STOP:
-        state["stop"] = 1
+def _objection(load: Record, state: Record, slot: int) -> int:
+    """What there is against a frame that is whole and in sequence; OK for nothing."""
+    received = state["received"]
+    if not gate.plausible(load, state, slot, received):
+        return IMPLAUSIBLE
+    if slot == REQUEST and not is_meant(
+        state, received[REQUEST_COMPUTER], received[REQUEST_HARNESS]
+    ):
+        return MISDIRECTED
+    return OK
 
 
 @kernel
@@ -145,10 +156,11 @@ def receive(load: Record, state: Record, frame: Record) -> bool:
             _refuse_time(state)
         refuse(rx, verdict)
         return False
-    if not gate.plausible(load, state, slot, received):
+    objection = _objection(load, state, slot)
+    if objection != OK:
         if slot == gate.TIME:
             _refuse_time(state)
-        refuse(rx, IMPLAUSIBLE)
+        refuse(rx, objection)
         return False
     counter = counter_of(frame["data"])
     accept(rx, slot, counter, verdict)
@@ -157,9 +169,11 @@ def receive(load: Record, state: Record, frame: Record) -> bool:
     for i in range(first, first + codec["n_signals"][slot]):
         accepted[i] = received[i]
     if slot == REQUEST:
-        _take_request(load, state)
-        return False
-    state["fresh"][slot] = counter
+        take_request(state)
+    elif slot == PRESENT:
+        take_presence(state)
+    else:
+        state["fresh"][slot] = counter
     return slot == gate.TIME
 
 
@@ -318,7 +332,10 @@ def _send_status(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
 
 @kernel
 def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
-    """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length."""
+    """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length.
+
+    A computer that no harness has named keeps silent: whoever flies on this bus flies with another.
+    """
     state["cycles_run"] += 1
     ticked = state["fresh"][gate.TIME] == NO_SLOT
     _take_fix(load, state)
@@ -327,6 +344,8 @@ def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     state["mode"] = modes.next_mode(state["mode"], modes.conditions(load["modes"], state))
     _guide(load, state)
     _limit_commands(load, state)
+    if state["harness"] == NOBODY:
+        return n_tx
     before = n_tx
     n_tx = _send(load, state, COMMAND, tx, n_tx)
     if n_tx > before:

@@ -140,9 +140,16 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
     pace = ""
     if not summary["pace_held"]:
         pace = f"pace {summary['pace']} not held, {summary['pace_reached']:,.2f}x reached; "
+    others = [
+        f"{kind} {summary[key]} on the bus as well; "
+        for kind, key in (("harness", "other_harness"), ("flight computer", "other_computer"))
+        if summary[key]
+    ]
+    if foreign := summary["rejected_by_harness"]["FOREIGN"]:
+        others.append(f"{foreign} frames under the harness's identifiers from another sender; ")
     return (
         f"{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
-        f"{summary['frames_rejected']} frames rejected; {timing}{pace}"
+        f"{summary['frames_rejected']} frames rejected; {''.join(others)}{timing}{pace}"
         f"{summary['speedup']:,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"
     )

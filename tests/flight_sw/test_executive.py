@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from flight_sw.can.sockets import new_io
-from flight_sw.computer import STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, STOPPED, serve
+from flight_sw.requests import (
+    STOP,
+)
 from tests.system.flights import Computer, Frames, recorded, request
 
 SLICE_NS = 2_000_000

@@ -55,6 +55,11 @@ def _print_statistics(stats: HubStats) -> None:
     print(f"frames delivered   {stats.frames_sent}")
     print(f"frames dropped     {stats.frames_dropped}  (a client did not read)")
     print(f"packets refused    {stats.packets_refused}  (not of 16 bytes)")
+    print(f"clients refused    {stats.clients_refused}  (of other users, or one too many)")
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 @app.command()
@@ -66,7 +71,7 @@ def hub(
     ] = True,
 ) -> None:
     """Run a bus on PATH until Ctrl-C or SIGTERM, then print what it moved."""
-    with _end_signals() as over, Hub(path, prompt=prompt) as running:
+    with _end_signals() as over, Hub(path, prompt=prompt, tell=_tell) as running:
         print(f"bus on {path}, Ctrl-C ends it", file=sys.stderr, flush=True)
         over.wait()
         stats = running.stats
