@@ -1,5 +1,6 @@
 # Everything runs in .venv, which `make setup` builds from requirements.lock.
-# `make help` lists the targets; `make test` and `make vcan` are the whole of CI.
+# `make help` lists the targets; `make test`, `make test-slow-share` and `make vcan` are the whole of
+# CI.
 
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
@@ -24,10 +25,22 @@ PIP := env -u PIP_REQUIRE_VIRTUALENV -u PIP_USER -u PIP_TARGET -u PYTHONPATH \
        $(BIN)/python -m pip --disable-pip-version-check --quiet
 PYTEST := $(BIN)/python -m pytest
 PARALLEL := -n $(WORKERS) --dist loadfile
+# One slow test may take an hour, on a busy machine longer.
+SLOW := -o faulthandler_timeout=7200
 
 # Where kernels are exercised one by one; whole flights live in tests/system and tests/replay.
 KERNEL_TESTS = $(wildcard tests/flight_sw tests/sim_harness)
 CODE = flight_sw sim_harness tools tests $(wildcard benchmarks)
+
+# Mathematics as another x86-64 processor does them: the C library's without FMA and AVX, linear
+# algebra by kernels of 2004. tests/rules/test_other_processor.py shows that they differ.
+OTHER_PROCESSOR := GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX OPENBLAS_CORETYPE=Prescott
+NUMERICAL_TESTS = $(wildcard tests/flight_sw tests/replay tests/tools/test_gains_*.py \
+  tests/sim_harness/test_a*.py tests/sim_harness/test_closed_forms.py tests/sim_harness/test_gravity.py \
+  tests/sim_harness/test_motion.py tests/sim_harness/test_vehicle.py \
+  tests/system/test_bits.py tests/system/test_tables.py tests/system/test_mars.py \
+  tests/system/test_noisy_navigation.py tests/system/test_other_vehicle.py)
+ORDER ?= 11
 
 .PHONY: help
 help: ## list the targets
@@ -70,7 +83,8 @@ fly: setup ## fly MISSION (hyperion-1) with LAW (lqy)
 
 .PHONY: gains-check
 gains-check: setup ## regenerate every load image and compare with the committed one
-	@for design in gains/*/design.toml; do
+	@echo "== load images"
+	for design in gains/*/design.toml; do
 	  $(BIN)/aeroshell gains "$$(basename "$$(dirname "$$design")")" --check
 	done
 
@@ -81,7 +95,7 @@ bench: setup ## measure speed; run it on an otherwise idle machine
 # --- checking ----------------------------------------------------------------------------------
 
 .PHONY: test
-test: lint types spelling test-compiled test-uncompiled test-bounds ## all that CI runs
+test: lint types spelling gains-check test-compiled test-uncompiled test-bounds test-processor ## all checks but the slow ones
 
 .PHONY: lint
 lint: setup ## ruff: rules and format
@@ -119,10 +133,23 @@ test-bounds: setup ## kernel tests, compiled with index checks
 	NUMBA_BOUNDSCHECK=1 $(PYTEST) -q $(PARALLEL) -m "not slow and not alone and not vcan and not jit_only" \
 	  $(KERNEL_TESTS)
 
+.PHONY: test-processor
+test-processor: setup ## numerical tests in another order, on what computes as another processor does
+	@echo "== tests, as on another processor"
+	env $(OTHER_PROCESSOR) $(PYTEST) -q $(PARALLEL) --order-seed $(ORDER) \
+	  -m "not slow and not alone and not vcan" $(NUMERICAL_TESTS)
+
+.PHONY: test-slow-share
+test-slow-share: setup ## the share of the slow tests that CI runs
+	@echo "== slow tests, a share"
+	$(PYTEST) -q -n $(WORKERS) --dist load $(SLOW) -m "share and not alone and not vcan" tests
+	$(PYTEST) -q -p no:xdist $(SLOW) -m "share and alone and not vcan" tests
+
 .PHONY: test-slow
 test-slow: setup ## long campaigns
 	@echo "== slow tests"
-	$(PYTEST) -q -n $(WORKERS) --dist load -m "slow and not vcan" tests
+	$(PYTEST) -q -n $(WORKERS) --dist load $(SLOW) -m "slow and not alone and not vcan" tests
+	$(PYTEST) -q -p no:xdist $(SLOW) -m "slow and alone and not vcan" tests
 
 .PHONY: vcan
 vcan: setup ## the SocketCAN tests: natively, or in a user-mode Linux booted for them
@@ -132,7 +159,7 @@ vcan: setup ## the SocketCAN tests: natively, or in a user-mode Linux booted for
 .PHONY: vcan-slow
 vcan-slow: setup ## ten minutes of foreign traffic at full rate
 	@echo "== slow tests on vcan0"
-	tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider -m "vcan and slow" tests/vcan
+	tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider $(SLOW) -m "vcan and slow" tests/vcan
 
 .PHONY: latency
 latency: setup ## measure the round trip on every bus, vcan in the box if need be, into README

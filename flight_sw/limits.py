@@ -7,6 +7,7 @@ from flight_sw.fields import Field, RecordSpec
 from flight_sw.jit import kernel
 from flight_sw.types_ import Record
 
+SLOWEST = math.radians(1e-3)  # rad/s or rad/s2: no axis is that slow
 UNLIMITED = 1e6  # rad/s or rad/s2: no limit at any frame rate
 LIMIT_TOLERANCE_RAD = 1e-12  # round-off of (target - previous) / dt * dt
 
@@ -18,10 +19,10 @@ def _stops_in_order(limits: Record) -> str:
 
 AXIS_LIMITS = RecordSpec(
     "axis_limits",
-    Field("low_rad", -math.tau, math.tau, "smallest command"),
-    Field("high_rad", -math.tau, math.tau, "largest command"),
-    Field("rate_max_radps", 1e-6, UNLIMITED, "command slew"),
-    Field("accel_max_radps2", 1e-6, UNLIMITED, "command slew change"),
+    Field("low_rad", -math.pi, math.pi, "smallest command"),
+    Field("high_rad", -math.pi, math.pi, "largest command"),
+    Field("rate_max_radps", SLOWEST, UNLIMITED, "command slew"),
+    Field("accel_max_radps2", SLOWEST, UNLIMITED, "command slew change"),
     rules=(_stops_in_order,),
 )
 

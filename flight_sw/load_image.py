@@ -41,6 +41,7 @@ HEADER = np.dtype(
 )
 
 TELEMETRY_MESSAGES = 8
+DIVIDER_MAX = 10_000  # minor frames per guidance step
 BUCKET_TOLERANCE = 1e-6  # of the whole height, for round-off of a bucket's edge
 TELEMETRY_PREFIX = "TM_"
 HEALTH_SLOT = icd.slot("RX_HEALTH_A")
@@ -80,9 +81,9 @@ ATMOSPHERE_TABLE = RecordSpec.of(
     ATMOSPHERE,
     Field("n", 2, KNOTS_MAX, kind="i8"),
     Field("buckets_pm", 1e-9, 1e3),
-    Field("alt_m", -1e5, 1e8, shape=(KNOTS_MAX,), rows="n"),
+    Field("alt_m", -5e4, 1e8, shape=(KNOTS_MAX,), rows="n"),
     Field("ln_rho", shape=(KNOTS_MAX, 4)),
-    Field("sound_speed_sq_m2ps2", 0.0, 1e9, shape=(KNOTS_MAX,)),
+    Field("sound_speed_sq_m2ps2", 0.0, 2e9, shape=(KNOTS_MAX,)),
     Field("bucket", 0, KNOTS_MAX - 2, kind="i4", shape=(BUCKETS,)),
     rules=(_buckets_lead_to_knots,),
 )
@@ -110,9 +111,9 @@ def body_spec(law: str) -> RecordSpec:
     return RecordSpec(
         f"{law}.load",
         Field(MARKER + law, 1, 1, "names the law in the record's type", kind="u4"),
-        Field("dt_s", 1e-4, 10.0, "minor frame"),
-        Field("guidance_divider", 1, 10_000, "minor frames per guidance step", kind="u4"),
-        Field("guidance_dt_s", 1e-4, 1e3, "dt_s times the divider"),
+        Field("dt_s", 1e-3, 1.0, "minor frame"),
+        Field("guidance_divider", 1, DIVIDER_MAX, "minor frames per guidance step", kind="u4"),
+        Field("guidance_dt_s", 1e-3, 1e4, "dt_s times the divider"),
         Field("onboard", record=ONBOARD),
         Field("atmosphere", record=ATMOSPHERE_TABLE),
         Field("bank_limits", record=AXIS_LIMITS),

@@ -2,6 +2,7 @@
 
 import math
 
+from flight_sw import icd
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.jit import kernel
 from flight_sw.types_ import Record
@@ -28,10 +29,14 @@ TRANSITIONS = (  # first matching row wins
 
 MODE_DESIGN = RecordSpec(
     "modes",
-    Field("entry_load_mps2", 0.0, 100.0, "sensed deceleration that starts guidance"),
-    Field("terminal_speed_mps", 0.0, 1e5, "guidance ends below it"),
-    Field("nav_timeout_cycles", 1, 10_000, "cycles without a fix before SAFE", kind="u4"),
-    Field("nav_return_cycles", 1, 10_000, "fixes in a row that end SAFE", kind="u4"),
+    Field("entry_load_mps2", 0.0, 1000.0, "sensed deceleration that starts guidance"),
+    Field(
+        "terminal_speed_mps",
+        *icd.signal_range("NAV_VERTICAL", "v_rel_mps"),
+        "guidance ends below it",
+    ),
+    Field("nav_timeout_cycles", 1, 100_000, "cycles without a fix before SAFE", kind="u4"),
+    Field("nav_return_cycles", 1, 100_000, "fixes in a row that end SAFE", kind="u4"),
     Field("coast_bank_rad", -math.pi, math.pi, "held before entry is sensed"),
     Field("coast_alpha_rad", -math.pi, math.pi, "held before entry is sensed"),
 )

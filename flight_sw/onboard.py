@@ -17,9 +17,9 @@ MACH_ROWS = 16
 PLANET = RecordSpec(
     "planet",
     Field("radius_m", 1e5, 1e8, "reference sphere"),
-    Field("mu_m3ps2", 1e10, 1e18, "gravity"),
+    Field("mu_m3ps2", 1e9, 1e18, "gravity"),
     Field("rotation_radps", -1e-2, 1e-2, "about the north pole"),
-    Field("g0_mps2", 1.0, 30.0, "unit of load factor"),
+    Field("g0_mps2", 0.1, 100.0, "unit of load factor"),
 )
 
 AERO_TABLE = RecordSpec(
@@ -27,22 +27,22 @@ AERO_TABLE = RecordSpec(
     Field("n_alpha", 2, ALPHA_ROWS, "rows in use", kind="u4"),
     Field("n_mach", 1, MACH_ROWS, "columns in use", kind="u4"),
     Field("alpha_rad", -math.pi, math.pi, "grid", shape=(ALPHA_ROWS,), rows="n_alpha"),
-    Field("mach", 0.0, 200.0, "grid", shape=(MACH_ROWS,), rows="n_mach"),
-    Field("cl", -20.0, 20.0, "lift", shape=(ALPHA_ROWS * MACH_ROWS,)),
-    Field("cd", 0.0, 20.0, "drag", shape=(ALPHA_ROWS * MACH_ROWS,)),
+    Field("mach", 0.0, 1000.0, "grid", shape=(MACH_ROWS,), rows="n_mach"),
+    Field("cl", -300.0, 300.0, "lift", shape=(ALPHA_ROWS * MACH_ROWS,)),
+    Field("cd", 0.0, 300.0, "drag", shape=(ALPHA_ROWS * MACH_ROWS,)),
 )
 
 HEATING = RecordSpec(
     "heating",
-    Field("coefficient", 0.0, 1e12, "k in q = k rho^m V^n, W/m2 with SI inputs; 0: no heating"),
+    Field("coefficient", 0.0, 1e15, "k in q = k rho^m V^n, W/m2 with SI inputs; 0: no heating"),
     Field("rho_exponent", 0.1, 2.0, "m"),
-    Field("v_exponent", 1.0, 6.0, "n"),
+    Field("v_exponent", 1.0, 10.0, "n"),
 )
 
 VEHICLE = RecordSpec(
     "vehicle",
     Field("mass_kg", 1e-3, 1e7, "nominal"),
-    Field("reference_area_m2", 1e-6, 1e4, "of cl and cd"),
+    Field("reference_area_m2", 1e-6, 1e5, "of cl and cd"),
     Field("aero", record=AERO_TABLE),
 )
 

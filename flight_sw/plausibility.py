@@ -42,12 +42,22 @@ GATES = RecordSpec(
     "gates",
     Field("distance_margin_m", 0.0, 1e6, "allowed beyond speed times time"),
     Field("accel_max_mps2", 0.1, 1e5, "change of speed"),
-    Field("turn_rate_max_radps", 1e-3, 1e3, "change of path angle and heading"),
+    Field(
+        "turn_rate_max_radps",
+        math.radians(0.1),
+        math.radians(1e4),
+        "change of path angle and heading",
+    ),
     Field("sensed_ratio", 0.0, 1e3, "change of a sensed acceleration in one cycle, of its value"),
     Field("sensed_margin_mps2", 0.0, 1e5, "and beyond that"),
     Field("heat_flux_ratio_ps", 0.0, 1e3, "change of heat flux a second, of its value"),
     Field("heat_flux_margin_wpm2", 0.0, 1e9, "and beyond that"),
-    Field("attitude_margin_rad", 1e-6, 10.0, "a cycle, beyond the way from flown to commanded"),
+    Field(
+        "attitude_margin_rad",
+        math.radians(1e-3),
+        math.tau,
+        "a cycle, beyond the way from flown to commanded",
+    ),
 )
 
 

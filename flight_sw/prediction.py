@@ -10,6 +10,7 @@ coefficients of the fix are kept; what is sensed now holds to the end.
 
 import math
 
+from flight_sw import icd
 from flight_sw.atmosphere import density
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.fields import Field, RecordSpec
@@ -22,8 +23,12 @@ V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it
 AIM = RecordSpec(
     "aim",
     Field("step_s", 0.01, 100.0, "of the prediction"),
-    Field("end_speed_mps", 0.0, 1e5, "a path ends at or below it; 0: never"),
-    Field("end_alt_m", -1e5, 1e8, "a path ends at or below it"),
+    Field(
+        "end_speed_mps",
+        *icd.signal_range("NAV_VERTICAL", "v_rel_mps"),
+        "a path ends at or below it; 0: never",
+    ),
+    Field("end_alt_m", *icd.signal_range("NAV_VERTICAL", "alt_m"), "a path ends at or below it"),
     Field("profile", record=BANK_PROFILE),
     Field("cos_bank_low", -1.0, 1.0),
     Field("cos_bank_high", -1.0, 1.0),

@@ -25,7 +25,6 @@ from sim_harness.way import fill_way
 from sim_harness.world import atmosphere as atmospheres
 from sim_harness.world import records
 from sim_harness.world.frames import Velocity, relative_from_inertial
-from sim_harness.world.heating import heating_factor
 
 if TYPE_CHECKING:
     from sim_harness.mission import Mission
@@ -69,15 +68,7 @@ def heating_row(heating: Heating | None) -> tuple[float, float, float]:
     """A HEATING record's values; a mission without heating has a flux of zero."""
     if heating is None:
         return 0.0, 0.5, 3.0
-    factor = heating_factor(
-        heating.coefficient,
-        heating.nose_radius_m,
-        heating.density_ref_kgpm3,
-        heating.speed_ref_mps,
-        heating.density_exponent,
-        heating.speed_exponent,
-    )
-    return factor, heating.density_exponent, heating.speed_exponent
+    return heating.factor_si, heating.density_exponent, heating.speed_exponent
 
 
 def fill_aerodynamics(record: np.ndarray, mission: "Mission") -> None:

@@ -15,21 +15,16 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw import icd
 from flight_sw.can.receiver import VERDICTS
-from flight_sw.computer import (
-    minor_frame,
-    new_state,
-)
+from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.identity import ALONE, NOBODY, draw_number
 from flight_sw.load_image import LoadImage, activate, parse_image
-from flight_sw.requests import (
-    ARM,
-    STOP,
-)
-from flight_sw.types_ import Frames
+from flight_sw.requests import ARM, STOP
+from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear
 from sim_harness.jit import kernel
 from sim_harness.journal import BUS_ROWS, TRUTH_ROWS, Journal
@@ -43,6 +38,8 @@ from sim_harness.loop import (
     hear_outside,
 )
 from sim_harness.mission import Mission
+from sim_harness.navigation import beyond_the_bus, report_truth
+from sim_harness.navigation_watch import NavigationWatch
 from sim_harness.pacing import new_pacer
 from sim_harness.port import new_port, put_request
 from sim_harness.roles import RoleWatch
@@ -167,6 +164,7 @@ class FlightRun:
         self.journal: Journal | None = None
         self._sha256 = hashlib.sha256()
         self.slip_watch, self.role_watch = SlipWatch(), RoleWatch()
+        self.navigation_watch = NavigationWatch()
 
     def waiting(self, text: str) -> None:
         """Tell the listeners what is waited for."""
@@ -251,6 +249,8 @@ class FlightRun:
             listener.progress(self)
         if self.plan.bus != "memory":
             self.warn(self.role_watch.look(time.monotonic(), self))
+        for said in self.navigation_watch.look(self.harness[0]["navigation"]):
+            self.warn(said)
         if self.plan.pace > 0.0:
             self.warn(self.slip_watch.look(time.monotonic(), slips_so_far(self)))
 
@@ -292,6 +292,14 @@ class FlightRun:
         return self.ended_by or OTHER_OUTCOMES.get(self.outcome) or OUTCOMES[self.outcome]
 
 
+def refuse_beyond_the_bus(mission: Mission, truth: Record) -> None:
+    """Raise FlightError where navigation could not report the entry state."""
+    values = np.zeros(icd.N_VALUES)
+    report_truth(truth, values)
+    if beyond := beyond_the_bus(values):
+        raise FlightError(f"{mission.path.name}: entry state: {beyond}")
+
+
 def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """The harness's records at entry, shape (1,)."""
     mission = plan.mission
@@ -300,6 +308,7 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     harness["world"] = world
     harness["codec"] = load["codec"]
     harness["truth"] = mission.truth(plan.seed, world)
+    refuse_beyond_the_bus(mission, harness["truth"][0])
     harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]
     harness["port"] = new_port(float(truth["bank_rad"]), float(truth["alpha_rad"]))

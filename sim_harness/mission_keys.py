@@ -5,8 +5,15 @@ docs/missions.md is generated from these classes.
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from flight_sw import icd
+from flight_sw.atmosphere import KNOTS_MAX
+from flight_sw.guidance import nominal
+from flight_sw.limits import AXIS_LIMITS
+from flight_sw.load_image import ATMOSPHERE_TABLE
+from flight_sw.onboard import AERO_TABLE, HEATING, PLANET, VEHICLE
 from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation
 from sim_harness.quantities import (
     INF,
@@ -15,27 +22,46 @@ from sim_harness.quantities import (
     Section,
     Series,
     Text,
+    carried,
+    in_unit,
     is_name,
+    loaded,
     plain,
     refusal,
+    span_of,
 )
+from sim_harness.world.heating import heating_factor
 from sim_harness.world.records import AERO_TABLE_MAX
+
+SOUND_SPEED_MPS = (10.0, 1e4)
+SAMPLED_ALPHA_DEG = np.linspace(-5.0, 90.0, 77)
+"""Angles of attack at which a load's table holds the coefficients of a formula: 1.25 deg apart, so
+that 20 and 45 deg are knots; 3e-5 off between them."""
+ALTITUDE_MAX_KM = in_unit(icd.signal_range("NAV_VERTICAL", "alt_m")[1], "km")
+SPEED_MAX_MPS = icd.signal_range("NAV_VERTICAL", "v_rel_mps")[1]
+TIME_MAX_S = icd.signal_range("NAV_TIME", "t_s")[1]
 
 
 class Planet(Section):
     """The planet and its rotation."""
 
     radius_km: Annotated[
-        float, Quantity("km", 100.0, 1e6, "sphere that altitude, ground range and J2 refer to")
+        float,
+        loaded(PLANET, "radius_m", "km", "sphere that altitude, ground range and J2 refer to"),
     ]
-    mu_m3ps2: Annotated[float, Quantity("m3/s2", 1e9, 1e18, "gravitational parameter")]
+    mu_m3ps2: Annotated[float, loaded(PLANET, "mu_m3ps2", "m3/s2", "gravitational parameter")]
     rotation_radps: Annotated[
-        float, Quantity("rad/s", -1e-2, 1e-2, "rotation, positive eastwards; the air turns with it")
+        float,
+        loaded(
+            PLANET, "rotation_radps", "rad/s", "rotation, positive eastwards; the air turns with it"
+        ),
     ]
     j2: Annotated[float, Quantity("-", 0.0, 0.1, "oblateness of the field; 0 switches it off")] = (
         0.0
     )
-    g0_mps2: Annotated[float, Quantity("m/s2", 0.1, 100.0, "unit of the load factor")] = 9.80665
+    g0_mps2: Annotated[float, loaded(PLANET, "g0_mps2", "m/s2", "unit of the load factor")] = (
+        9.80665
+    )
 
 
 class ExponentialAtmosphere(DensityDeviation):
@@ -45,7 +71,7 @@ class ExponentialAtmosphere(DensityDeviation):
     density_ref_kgpm3: Annotated[float, Quantity("kg/m3", 1e-12, 1e3, "density at altitude 0")]
     scale_height_m: Annotated[float, Quantity("m", 100.0, 1e5, "scale height")]
     sound_speed_mps: Annotated[
-        float, Quantity("m/s", 10.0, 5000.0, "speed of sound at all altitudes")
+        float, Quantity("m/s", *SOUND_SPEED_MPS, "speed of sound at all altitudes")
     ]
 
 
@@ -64,17 +90,30 @@ class TableAtmosphere(DensityDeviation):
     ] = None
     altitude_km: Annotated[
         tuple[float, ...] | None,
-        Series("km", -50.0, 1e5, "altitude of each row", 512, 2, ascending=True),
+        Series(
+            "km",
+            *span_of(ATMOSPHERE_TABLE, "alt_m", "km"),
+            "altitude of each row",
+            KNOTS_MAX,
+            2,
+            ascending=True,
+        ),
     ] = None
     density_kgpm3: Annotated[
-        tuple[float, ...] | None, Series("kg/m3", 1e-30, 1e3, "density of each row", 512, 2)
+        tuple[float, ...] | None, Series("kg/m3", 1e-30, 1e3, "density of each row", KNOTS_MAX, 2)
     ] = None
     sound_speed_mps: Annotated[
         tuple[float, ...] | None,
-        Series("m/s", 10.0, 1e4, "speed of sound of each row, or else temperature_k", 512, 2),
+        Series(
+            "m/s",
+            *SOUND_SPEED_MPS,
+            "speed of sound of each row, or else temperature_k",
+            KNOTS_MAX,
+            2,
+        ),
     ] = None
     temperature_k: Annotated[
-        tuple[float, ...] | None, Series("K", 1.0, 1e5, "temperature of each row", 512, 2)
+        tuple[float, ...] | None, Series("K", 1.0, 1e5, "temperature of each row", KNOTS_MAX, 2)
     ] = None
     gas_constant_jpkgk: Annotated[
         float, Quantity("J/(kg K)", 10.0, 1e4, "of the gas, used with temperature_k")
@@ -103,8 +142,8 @@ class ConstantAerodynamics(AerodynamicDeviation):
     """The same coefficients at every angle of attack and Mach number."""
 
     model: Literal["constant"]
-    lift_coefficient: Annotated[float, Quantity("-", -100.0, 100.0, "C_L, negative: lift down")]
-    drag_coefficient: Annotated[float, Quantity("-", 0.0, 100.0, "C_D")]
+    lift_coefficient: Annotated[float, loaded(AERO_TABLE, "cl", "-", "C_L, negative: lift down")]
+    drag_coefficient: Annotated[float, loaded(AERO_TABLE, "cd", "-", "C_D")]
 
 
 class NewtonianAerodynamics(AerodynamicDeviation):
@@ -116,11 +155,25 @@ class NewtonianAerodynamics(AerodynamicDeviation):
     a1: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, cos^2 term")]
     a2: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, sin^2 term")]
 
+    @model_validator(mode="after")
+    def drags(self) -> Self:
+        """The drag coefficient is not negative where the flight computer's table is sampled."""
+        alpha_rad = np.radians(SAMPLED_ALPHA_DEG)
+        s, c = np.sin(alpha_rad), np.cos(alpha_rad)
+        drag = (self.n1 * s * s + self.n2 * s * c) * s + (self.a1 * c * c + self.a2 * s * s) * c
+        if drag.min() < 0.0:
+            worst_deg = SAMPLED_ALPHA_DEG[drag.argmin()]
+            raise refusal(
+                f"gives C_D {drag.min():.3g} at an angle of attack of {worst_deg:g} deg, "
+                f"allowed 0 or more from {SAMPLED_ALPHA_DEG[0]:g} to {SAMPLED_ALPHA_DEG[-1]:g} deg"
+            )
+        return self
 
-def coefficient_rows(low: float, what: str) -> Series:
+
+def coefficient_rows(name: str, what: str) -> Series:
     """A table of coefficients, one list per angle of attack."""
     meaning = f"{what}: a list per angle of attack, a value per Mach number"
-    return Rows("-", low, 100.0, meaning, AERO_TABLE_MAX)
+    return Rows("-", *span_of(AERO_TABLE, name, "-"), meaning, AERO_TABLE_MAX)
 
 
 class TableAerodynamics(AerodynamicDeviation):
@@ -129,14 +182,26 @@ class TableAerodynamics(AerodynamicDeviation):
     model: Literal["table"]
     angle_of_attack_deg: Annotated[
         tuple[float, ...],
-        Series("deg", -180.0, 180.0, "of the rows", AERO_TABLE_MAX, ascending=True),
+        Series(
+            "deg",
+            *span_of(AERO_TABLE, "alpha_rad", "deg"),
+            "of the rows",
+            AERO_TABLE_MAX,
+            ascending=True,
+        ),
     ]
     mach: Annotated[
         tuple[float, ...],
-        Series("-", 0.0, 1000.0, "of the columns", AERO_TABLE_MAX, ascending=True),
+        Series(
+            "-",
+            *span_of(AERO_TABLE, "mach", "-"),
+            "of the columns",
+            AERO_TABLE_MAX,
+            ascending=True,
+        ),
     ]
-    lift_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows(-100.0, "C_L")]
-    drag_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows(0.0, "C_D")]
+    lift_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows("cl", "C_L")]
+    drag_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows("cd", "C_D")]
 
     @model_validator(mode="after")
     def is_rectangular(self) -> Self:
@@ -156,9 +221,10 @@ class TableAerodynamics(AerodynamicDeviation):
 class Vehicle(Section):
     """Mass and aerodynamics."""
 
-    mass_kg: Annotated[float, Quantity("kg", 1e-3, 1e7, "mass at entry")]
+    mass_kg: Annotated[float, loaded(VEHICLE, "mass_kg", "kg", "mass at entry")]
     reference_area_m2: Annotated[
-        float, Quantity("m2", 1e-6, 1e5, "area that the coefficients refer to")
+        float,
+        loaded(VEHICLE, "reference_area_m2", "m2", "area that the coefficients refer to"),
     ]
     side_lift_ratio: Annotated[
         float,
@@ -179,18 +245,42 @@ class Heating(Section):
     nose_radius_m: Annotated[float, Quantity("m", 1e-4, 1e3, "nose radius")]
     density_ref_kgpm3: Annotated[float, Quantity("kg/m3", 1e-6, 1e3, "reference density")] = 1.0
     speed_ref_mps: Annotated[float, Quantity("m/s", 1.0, 1e5, "reference speed")] = 1.0
-    density_exponent: Annotated[float, Quantity("-", 0.1, 2.0, "a")] = 0.5
-    speed_exponent: Annotated[float, Quantity("-", 1.0, 10.0, "b")] = 3.0
+    density_exponent: Annotated[float, loaded(HEATING, "rho_exponent", "-", "a")] = 0.5
+    speed_exponent: Annotated[float, loaded(HEATING, "v_exponent", "-", "b")] = 3.0
+
+    @property
+    def factor_si(self) -> float:
+        """The heat flux at 1 kg/m3 and 1 m/s, W/m2."""
+        return heating_factor(
+            self.coefficient,
+            self.nose_radius_m,
+            self.density_ref_kgpm3,
+            self.speed_ref_mps,
+            self.density_exponent,
+            self.speed_exponent,
+        )
+
+    @model_validator(mode="after")
+    def is_carried_by_a_load(self) -> Self:
+        """All keys together give a factor that the flight computer's load takes."""
+        _, most = span_of(HEATING, "coefficient", "-")
+        if not self.factor_si <= most:
+            raise refusal(
+                f"gives {self.factor_si:g} W/m2 at 1 kg/m3 and 1 m/s, allowed up to {most:g}"
+            )
+        return self
 
 
 class Entry(Section):
     """State at time zero."""
 
     frame: Literal["relative", "inertial"] = "relative"
-    altitude_km: Annotated[float, Quantity("km", 1.0, 1000.0, "above the sphere of radius_km")]
+    altitude_km: Annotated[
+        float, Quantity("km", 1.0, ALTITUDE_MAX_KM, "above the sphere of radius_km")
+    ]
     longitude_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "positive to the east")]
     latitude_deg: Annotated[float, Quantity("deg", -90.0, 90.0, "geocentric")]
-    speed_mps: Annotated[float, Quantity("m/s", 10.0, 50000.0, "in the frame named")]
+    speed_mps: Annotated[float, Quantity("m/s", 10.0, SPEED_MAX_MPS, "in the frame named")]
     flight_path_angle_deg: Annotated[
         float, Quantity("deg", -90.0, 0.0, "of that velocity, positive up")
     ]
@@ -205,10 +295,24 @@ class Limits(Section):
     """Path constraints: what guidance is asked to keep and the summary judges."""
 
     heat_flux_max_kwpm2: Annotated[
-        float, Quantity("kW/m2", 1.0, INF, "stagnation point; inf: none")
+        float,
+        loaded(
+            nominal.DESIGN,
+            "heat_flux_max_wpm2",
+            "kW/m2",
+            "stagnation point; inf: none",
+            or_inf=True,
+        ),
     ] = INF
     load_factor_max_g: Annotated[
-        float, Quantity("g", 0.1, INF, "in units of g0_mps2; inf: none")
+        float,
+        loaded(
+            nominal.DESIGN,
+            "load_factor_max_g",
+            "g",
+            "in units of g0_mps2; inf: none",
+            or_inf=True,
+        ),
     ] = INF
     dynamic_pressure_max_kpa: Annotated[float, Quantity("kPa", 0.01, INF, "inf: none")] = INF
 
@@ -221,18 +325,21 @@ class Target(Section):
 
     longitude_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "positive to the east")]
     latitude_deg: Annotated[float, Quantity("deg", -90.0, 90.0, "geocentric")]
-    altitude_km: Annotated[float, Quantity("km", -50.0, 1000.0, "above the sphere of radius_km")]
-    speed_mps: Annotated[float, Quantity("m/s", 0.0, 50000.0, "relative speed")]
+    altitude_km: Annotated[
+        float, carried("NAV_VERTICAL", "alt_m", "km", "above the sphere of radius_km")
+    ]
+    speed_mps: Annotated[float, carried("NAV_VERTICAL", "v_rel_mps", "m/s", "relative speed")]
 
 
 class End(Section):
     """The flight ends with whichever comes first; it always ends on the ground."""
 
     speed_mps: Annotated[
-        float, Quantity("m/s", 0.0, 50000.0, "relative speed at or below; 0: never")
+        float,
+        carried("NAV_VERTICAL", "v_rel_mps", "m/s", "relative speed at or below; 0: never"),
     ] = 0.0
     altitude_km: Annotated[
-        float, Quantity("km", -INF, 1000.0, "altitude at or below; -inf: never")
+        float, Quantity("km", -INF, ALTITUDE_MAX_KM, "altitude at or below; -inf: never")
     ] = -INF
     at_target: Annotated[
         str,
@@ -240,18 +347,25 @@ class End(Section):
             "ends as well where it has flown the target's downrange", "no, yes", YES_NO.__contains__
         ),
     ] = "no"
-    time_max_s: Annotated[float, Quantity("s", 0.02, 1e6, "time after entry: timed out")] = 10000.0
+    time_max_s: Annotated[float, Quantity("s", 0.02, TIME_MAX_S, "time after entry: timed out")] = (
+        10000.0
+    )
 
 
 class Axis(Section):
     """How an attitude angle follows its command; the defaults follow at once."""
 
     lag_s: Annotated[float, Quantity("s", 0.0, 1000.0, "first-order lag; 0: none")] = 0.0
-    rate_max_degps: Annotated[float, Quantity("deg/s", 1e-3, INF, "inf: no limit")] = INF
-    accel_max_degps2: Annotated[float, Quantity("deg/s2", 1e-3, INF, "inf: no limit")] = INF
-    low_deg: Annotated[float, Quantity("deg", -INF, INF, "lower stop")] = -180.0
+    rate_max_degps: Annotated[
+        float, loaded(AXIS_LIMITS, "rate_max_radps", "deg/s", "inf: no limit", or_inf=True)
+    ] = INF
+    accel_max_degps2: Annotated[
+        float, loaded(AXIS_LIMITS, "accel_max_radps2", "deg/s2", "inf: no limit", or_inf=True)
+    ] = INF
+    low_deg: Annotated[float, loaded(AXIS_LIMITS, "low_rad", "deg", "lower stop")] = -180.0
     high_deg: Annotated[
-        float, Quantity("deg", -INF, INF, "upper stop; a full turn apart: turns freely")
+        float,
+        loaded(AXIS_LIMITS, "high_rad", "deg", "upper stop; a full turn apart: turns freely"),
     ] = 180.0
 
     @model_validator(mode="after")

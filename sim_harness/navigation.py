@@ -47,6 +47,9 @@ STREAMS = (
 )
 """Of the noise of each pair of channels."""
 REPORTED = (*CHANNELS, TIME)
+N_REPORTED = len(REPORTED)
+REPORTED_NAMES = tuple(icd.VALUE_NAMES[index] for index in REPORTED)
+"""Message and signal of each value of a report."""
 
 _SIGNALS = [signal for message in icd.LAYOUT for signal in message.signals]
 LOWEST = np.array([signal.low for signal in _SIGNALS])
@@ -62,7 +65,8 @@ NAV_STATE = np.dtype(
     [
         ("seed", "i8"),  # of the flight
         ("reports", "i8"),  # since entry
-        ("saturations", "i8"),  # values held at the end of their signal's range
+        ("saturations", "i8", (N_REPORTED,)),  # values beyond their signal's range, held at its end
+        ("cut_off", "i8"),  # values below zero of a signal that has none: noise about nothing
         ("dropouts", "i8"),  # reports of which something was withheld
         ("dropout_left", "i8"),  # reports to the end of the present one
         ("withheld", "u4"),  # bits of the messages that this report is sent without
@@ -169,13 +173,29 @@ def _drop_out(errors: Record, nav_state: Record) -> None:
 @kernel
 def _saturate(nav_state: Record, values: F8) -> None:
     """Holds every value inside the range of its signal: a message with one outside is not sent."""
-    for k in REPORTED:
+    saturations = nav_state["saturations"]
+    for i in range(N_REPORTED):
+        k = REPORTED[i]
         if values[k] < LOWEST[k]:
             values[k] = LOWEST[k]
-            nav_state["saturations"] += 1
+            if LOWEST[k] == 0.0:
+                nav_state["cut_off"] += 1
+            else:
+                saturations[i] += 1
         elif values[k] > HIGHEST[k]:
             values[k] = HIGHEST[k]
-            nav_state["saturations"] += 1
+            saturations[i] += 1
+
+
+def beyond_the_bus(values: F8) -> str:
+    """Which value of a report the bus cannot carry, in a sentence; empty if it carries all."""
+    for index, (message, name) in zip(REPORTED, REPORTED_NAMES, strict=True):
+        if not LOWEST[index] <= values[index] <= HIGHEST[index]:
+            return (
+                f"{name} is {values[index]:.12g}, allowed {LOWEST[index]:.12g} to "
+                f"{HIGHEST[index]:.12g} by {message}"
+            )
+    return ""
 
 
 @kernel

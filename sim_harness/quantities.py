@@ -7,10 +7,13 @@ in it.
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from flight_sw import icd
+from flight_sw.fields import RecordSpec
 
 INF = math.inf
 NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
@@ -46,12 +49,18 @@ class Quantity:
     low: float
     high: float
     meaning: str
+    or_inf: bool = field(default=False, kw_only=True)
+    """Infinity is allowed beyond the range: there is no limit."""
 
     @property
     def span(self) -> str:
         """The range of one number in words."""
         unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:.12g} to {self.high:.12g}{unit}"
+        return f"{self.low:.12g} to {self.high:.12g}{unit}{', or inf' if self.or_inf else ''}"
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is allowed."""
+        return self.low <= value <= self.high or (self.or_inf and value == INF)
 
     @property
     def allowed(self) -> str:
@@ -60,7 +69,7 @@ class Quantity:
 
     def check(self, value: object) -> float:
         """The value as a float, or a refusal."""
-        if not is_number(value) or not self.low <= float(value) <= self.high:  # type: ignore[arg-type]
+        if not is_number(value) or not self.holds(float(value)):  # type: ignore[arg-type]
             raise refusal(f"is {plain(value)}, allowed {self.allowed}")
         return float(value)  # type: ignore[arg-type]
 
@@ -92,7 +101,7 @@ class Series(Quantity):
         if not self.length_min <= len(value) <= self.length_max:
             raise refusal(f"has {len(value)} values, allowed {self.allowed}")
         for i, item in enumerate(value):
-            if not is_number(item) or not self.low <= float(item) <= self.high:
+            if not is_number(item) or not self.holds(float(item)):
                 raise refusal(f"value {i + 1} is {plain(item)}, allowed {self.allowed}")
             if self.ascending and i > 0 and not item > value[i - 1]:
                 raise refusal(f"value {i + 1} is {plain(item)}, allowed above {value[i - 1]}")
@@ -102,6 +111,40 @@ class Series(Quantity):
         self, source: object, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.check_list)
+
+
+SI = {
+    "km": 1e3,
+    "kW/m2": 1e3,
+    "kPa": 1e3,
+    "deg": math.pi / 180.0,
+    "deg/s": math.pi / 180.0,
+    "deg/s2": math.pi / 180.0,
+}
+"""A unit of the files in SI; units that are not named are those of the records."""
+DIGITS = 12  # of a range's ends in a file's unit: beyond what a conversion there and back changes
+
+
+def in_unit(value_si: float, unit: str) -> float:
+    """A value in SI as a file states it."""
+    return float(f"{value_si / SI.get(unit, 1.0):.{DIGITS}g}")
+
+
+def span_of(spec: RecordSpec, name: str, unit: str) -> tuple[float, float]:
+    """The range of a field of the flight computer's load, in a file's unit."""
+    found = next(known for known in spec.fields if known.name == name)
+    return in_unit(found.low, unit), in_unit(found.high, unit)
+
+
+def loaded(spec: RecordSpec, name: str, unit: str, meaning: str, or_inf: bool = False) -> Quantity:
+    """A quantity that goes into the flight computer's load: its range is that of the field."""
+    return Quantity(unit, *span_of(spec, name, unit), meaning, or_inf=or_inf)
+
+
+def carried(message: str, signal: str, unit: str, meaning: str) -> Quantity:
+    """A quantity that navigation reports: its range is that of the signal."""
+    low, high = icd.signal_range(message, signal)
+    return Quantity(unit, in_unit(low, unit), in_unit(high, unit), meaning)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.identity import name_of
 from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
+from sim_harness.navigation_watch import held_values
 from sim_harness.outcomes import outcome_class
 from sim_harness.terminal import told
 
@@ -139,7 +140,7 @@ def frame_facts(run: FlightRun) -> dict[str, Any]:
         "frames_rejected": sum(by_computer.values()) + sum(by_harness.values()),
         "incomplete_sets": int(run.computer.get("incomplete_sets", 0)),
         "navigation_dropouts": int(run.harness["navigation"]["dropouts"][0]),
-        "navigation_saturations": int(run.harness["navigation"]["saturations"][0]),
+        "navigation_saturations": int(run.harness["navigation"]["saturations"].sum()),
         "navigation_refused": int(port["tx_refused"]),
         "command_sha256": run.command_sha256,
         "load_crc32": f"0x{run.image.crc32:08x}",
@@ -184,6 +185,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "harness": name_of(run.number),
         "computer": name_of(int(port["computer"])),
         "bus": run.plan.bus,
+        "navigation_held": held_values(harness["navigation"]),
         "synchronisation": run.plan.synchronisation,
         "rejected_by_flight_computer": rejected(run.computer["verdicts"]) if reported else None,
         "other_harness": _number(port["other_harness"]),

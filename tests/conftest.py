@@ -1,9 +1,14 @@
-"""What all tests share: where compiled kernels are kept, and what an uncompiled pass leaves out."""
+"""What all tests share: where compiled kernels are kept, what an uncompiled pass leaves out.
+
+The rules of a session are here too: no test takes for ever, any order will do (`--order-seed`), and
+only so many tests may be skipped because the machine did not keep time.
+"""
 
 import os
+import random
 import signal
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +18,7 @@ from hypothesis import settings
 from numba.core import config
 
 from flight_sw import jit, kernel_cache
+from tests import allowances
 
 UNCOMPILED = bool(config.DISABLE_JIT)
 
@@ -43,13 +49,104 @@ kernel_cache.serialise_saves()
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what says nothing about the interpreter when kernels are not compiled."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The order of tests is an option: none may depend on those before it."""
+    parser.addoption(
+        "--order-seed", type=int, default=None, metavar="N",
+        help="shuffle test files, and the tests in each, by this seed",
+    )  # fmt: skip
+
+
+def shuffle(items: list[pytest.Item], seed: int) -> None:
+    """Put files in another order, and the tests in each; a file's tests stay together."""
+    chosen = random.Random(seed)
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    groups = list(files.values())
+    chosen.shuffle(groups)
+    for group in groups:
+        chosen.shuffle(group)
+    items[:] = [item for group in groups for item in group]
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Shuffle if asked to; without compiled kernels skip what says nothing of the interpreter."""
+    seed = config.getoption("--order-seed")
+    if seed is not None:
+        shuffle(items, seed)
     if UNCOMPILED:
         skip = pytest.mark.skip(reason="jit_only, and NUMBA_DISABLE_JIT is set")
         for item in items:
             if item.get_closest_marker("jit_only"):
                 item.add_marker(skip)
+
+
+def _limited(item: pytest.Item) -> Generator[None, object, object]:
+    """One phase of a test, ended by an alarm when it takes too long.
+
+    Where not even the alarm is heard, in compiled code that spins, `faulthandler_timeout` ends the
+    process.
+    """
+    is_slow = item.get_closest_marker("slow") is not None
+    limit_s = allowances.TIME_LIMIT_SLOW_S if is_slow else allowances.TIME_LIMIT_S
+
+    def ring(*_: object) -> None:
+        pytest.fail(f"took more than {limit_s:g} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        return (yield)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
+    """Fixtures have a time limit."""
+    return (yield from _limited(item))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Tests have a time limit."""
+    return (yield from _limited(item))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object]:
+    """What ends fixtures has a time limit."""
+    return (yield from _limited(item))
+
+
+_slipped: list[str] = []
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note which tests were skipped because the machine did not keep time."""
+    if report.skipped and allowances.SLIPPED in report.longreprtext:
+        _slipped.append(report.nodeid)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say which tests the machine's slips took from this session, and how many may be."""
+    if _slipped:
+        terminalreporter.section("skipped because the machine slipped")
+        for name in _slipped:
+            terminalreporter.line(name)
+        count, most = len(_slipped), allowances.SLIPPED_MAX
+        judged = "allowed" if count <= most else "too many"
+        terminalreporter.line(f"{count} skipped, at most {most}: {judged}")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A session that the machine's slips took too many tests from has failed."""
+    is_worker = hasattr(session.config, "workerinput")
+    if len(_slipped) > allowances.SLIPPED_MAX and not is_worker:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 @pytest.fixture(scope="session")

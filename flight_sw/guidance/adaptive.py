@@ -7,6 +7,8 @@ does not do: its gain has none, and 5 % of heat-flux error asks for thousands of
 Limits: bank alone; an error that stays grows a gain of T_i e^2 / sigma_i.
 """
 
+import math
+
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.jit import kernel
 from flight_sw.types_ import Record
@@ -24,8 +26,8 @@ TRACKER = RecordSpec(
     Field("k_initial_ratio", -1e3, 1e3, "Eq. 37"),
     Field("leak_1ps", 0.0, 1e2, "sigma_i of Eq. 41"),
     Field("rate_s", 0.0, 1e3, "K_D of Eq. 40"),
-    Field("error_max_rad", 0.0, HUGE, "of the error with its rate"),
-    Field("gain_max_ratio", 0.0, HUGE, "of the integral gain, and of the whole"),
+    Field("error_max_rad", math.radians(1e-3), HUGE, "of the error with its rate"),
+    Field("gain_max_ratio", 1e-3, HUGE, "of the integral gain, and of the whole"),
 )
 
 TRACKER_STATE = RecordSpec(

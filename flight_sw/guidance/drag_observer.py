@@ -8,7 +8,7 @@ a real accelerometer; it starts before tracking does.
 Limits: as `drag_tracking`; a ratio that moves faster than the observer's eps is followed late.
 """
 
-from flight_sw import observers, status
+from flight_sw import icd, observers, status
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.guidance import drag_tracking
 from flight_sw.guidance.drag_tracking import DRAG_MIN_MPS2
@@ -25,7 +25,11 @@ WATCH = RecordSpec(
     "drag_watch",
     Field("observer", record=observers.DESIGN),
     Field("observes", OBSERVES_ERROR, OBSERVES_RATIO, "what the observer follows", kind="u4"),
-    Field("observed_drag_mps2", 0.0, 1e4, "sensed drag that starts the observer of the ratio"),
+    Field(
+        "observed_drag_mps2",
+        *icd.signal_range("NAV_AERO", "drag_mps2"),
+        "sensed drag that starts the observer of the ratio",
+    ),
     Field("uses_estimate", 0, 1, "1: estimate, 0: sensed drag in the law", kind="u4"),
     Field("knows_flown_bank", 0, 1, "1: model of the flown bank, 0: Eq. 25b", kind="u4"),
 )

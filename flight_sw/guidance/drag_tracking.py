@@ -9,7 +9,7 @@ Limits: magnitude of bank alone, positive; constant angle of attack.
 
 import math
 
-from flight_sw import status
+from flight_sw import icd, status
 from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.drag_reference import BY_ENERGY, BY_SPEED, NOMINAL, REFERENCE, look_up
@@ -46,7 +46,11 @@ DESIGN = RecordSpec(
     Field("way", record=WAY),
     Field("alpha_rad", -math.pi, math.pi, "held throughout"),
     Field("profile", record=BANK_PROFILE),
-    Field("active_drag_mps2", 0.0, 1e4, "sensed drag that starts tracking"),
+    Field(
+        "active_drag_mps2",
+        *icd.signal_range("NAV_AERO", "drag_mps2"),
+        "sensed drag that starts tracking",
+    ),
     Field("k_drag_1ps2", 0.0, 1e6, "a / eps0^2"),
     Field("k_rate_1ps", 0.0, 1e6, "b / eps0"),
     Field("authority_min_mps4", 0.0, 1e3, "floor of |g0| for the feedback; 0: as the source"),

@@ -43,7 +43,7 @@ BANK_NOMINAL, GAMMA_CMD, FLOW_EXPONENT, CONSTANT_RATIO = 0, 1, 2, 3
 DESIGN = RecordSpec(
     "nominal",
     Field("heat_flux_max_wpm2", 1e3, 1e9, "set point"),
-    Field("load_factor_max_g", 0.01, 1e3, "set point"),
+    Field("load_factor_max_g", 0.1, 1e3, "set point"),
     Field("alpha_before_peak_rad", -math.pi, math.pi, "large: low peak"),
     Field("alpha_after_peak_rad", -math.pi, math.pi, "largest L/D"),
     Field("bank_before_tracking_rad", -math.pi, math.pi, "full lift up"),
@@ -58,7 +58,7 @@ DESIGN = RecordSpec(
     Field("transition_duration_s", 0.1, 1e3, "Eq. 21"),
     Field("heat_flux_exponent", 2.01, 100.0, "rho V^n on a heat-flux limit, below Eq. 9: 6"),
     Field("release_exponent", N_LOAD, 100.0, "heat-flux tracking ends below this n"),
-    Field("k_gamma_p_1ps", -1e2, 1e2, "times the speed: a path-angle loop with a rate of its own"),
+    Field("k_gamma_p_1ps", -2e2, 2e2, "times the speed: a path-angle loop with a rate of its own"),
     Field("k_gamma_i_1ps2", -1e2, 1e2, "times the speed"),
     Field("peak_floor_ratio", 0.0, 1.0, "of the set point: no heat-flux peak below it"),
     Field("peak_drop_wpm2", 0.0, 1e9, "below the highest sample: falling samples before are noise"),

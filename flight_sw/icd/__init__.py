@@ -149,6 +149,12 @@ def signal_names(message: str) -> tuple[str, ...]:
     return tuple(signal.name for signal in layout(message).signals)
 
 
+def signal_range(message: str, signal: str) -> tuple[float, float]:
+    """The lowest and the highest value that a signal carries."""
+    found = layout(message).signals[signal_names(message).index(signal)]
+    return found.low, found.high
+
+
 def value_index(message: str, signal: str) -> int:
     """Where a signal stands in the flat vector of all values."""
     names = signal_names(message)

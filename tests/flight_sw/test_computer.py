@@ -10,13 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flight_sw import icd, modes, status
-from flight_sw.computer import (
-    RESYNC_REFUSALS,
-)
+from flight_sw.computer import RESYNC_REFUSALS
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID
-from flight_sw.requests import (
-    STOP,
-)
+from flight_sw.requests import STOP
 from tests.system.flights import (
     NAV_FRAMES,
     Computer,

@@ -224,7 +224,7 @@ def test_a_grid_that_does_not_ascend_is_refused(law: str, path: Path_) -> None:
         (("atmosphere", "bucket"), 3, 100, r"bucket\[3\] is 100, whose knot lies above"),
         (("atmosphere", "buckets_pm"), None, 0.5, "buckets_pm is 0.5, allowed to"),
         (("atmosphere", "n"), None, 50, r"bucket\[\d+\] is \d+, allowed 0 to 48"),
-        (("bank_limits", "low_rad"), None, 3.5, "low_rad is 3.5, allowed to 3.14159"),
+        (("alpha_limits", "low_rad"), None, 1.5, "low_rad is 1.5, allowed to 1.0472"),
         (("alpha_limits", "high_rad"), None, -1.0, "low_rad is 0, allowed to -1"),
         (("guidance_dt_s",), None, 0.04, "guidance_dt_s is 0.04, allowed dt_s times .* 0.02"),
     ],

@@ -312,7 +312,7 @@ def test_override_of_a_model_drops_what_the_other_model_said():
             "heat_flux_max_kwpm2",
             "nan",
             "hyperion-1.toml with overrides: limits.heat_flux_max_kwpm2 is nan, "
-            "allowed 1 to inf kW/m2",
+            "allowed 1 to 1000000 kW/m2, or inf",
         ),
         ("planet", 3.0, "planet is not a known key"),
     ],

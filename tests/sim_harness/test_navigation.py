@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.errors import MissionError
+from flight_sw.errors import FlightError, MissionError
 from sim_harness import navigation
+from sim_harness.flight import refuse_beyond_the_bus
 from sim_harness.jit import kernel
 from sim_harness.mission import load_mission
 from sim_harness.navigation import NAV_STATE, WHOLE_SET, measure, report_truth
+from sim_harness.navigation_watch import NavigationWatch, held_values
 from tests.conftest import UNCOMPILED
 from tests.sim_harness.flights import EARTH_RADIUS_M, plain_mission
 
@@ -83,7 +85,7 @@ def test_without_errors_reports_are_the_truth() -> None:
     for keys in ({}, {"model": "exact"}):
         reports = Reports(n=5, **keys)
         assert np.array_equal(reports.values, np.tile(reports.exact, (5, 1)))
-        assert reports.state["saturations"] == 0
+        assert reports.state["saturations"].sum() == 0
     assert reports.exact[navigation.LIFT] == 8.0  # by its magnitude
 
 
@@ -180,7 +182,7 @@ def test_angles_stay_angles() -> None:
     reports = Reports(n=1, heading_bias_deg=150.0, bank_bias_deg=-170.0)
     assert reports.values[0, navigation.HEADING] == pytest.approx(1.2 + 150 * DEG - math.tau)
     assert reports.values[0, navigation.BANK] == pytest.approx(1.0 - 170 * DEG)
-    assert reports.state["saturations"] == 0
+    assert reports.state["saturations"].sum() == 0
 
 
 def test_a_sensor_with_lag_is_late_by_its_time_on_a_ramp() -> None:
@@ -238,7 +240,34 @@ def test_what_a_signal_cannot_carry_is_held_at_its_end_and_counted() -> None:
                 "V_REL": 13_400.0}  # fmt: skip
     for channel, value in expected.items():
         assert np.all(reports.values[:, getattr(navigation, channel)] == value)
-    assert reports.state["saturations"] == 4 * len(expected)
+    names = {"ALT": "alt_m", "FLIGHT_PATH_ANGLE": "flight_path_angle_rad",
+             "HEAT_FLUX": "heat_flux_wpm2", "V_REL": "v_rel_mps"}  # fmt: skip
+    assert held_values(reports.state[0]) == dict.fromkeys(names.values(), 4)
+    assert reports.state["cut_off"] == 4  # drag below nothing is noise, not a signal too small
+
+
+def test_each_signal_that_is_held_is_told_once() -> None:
+    watch = NavigationWatch()
+    assert watch.look(Reports(n=4).state[0]) == []
+    high = Reports(n=4, altitude_bias_m=9e5).state
+    assert watch.look(high[0]) == [
+        "navigation: alt_m is beyond what NAV_VERTICAL carries, -1000 to 334000, and is held at "
+        "its end"
+    ]
+    assert watch.look(high[0]) == []
+    both = Reports(n=4, altitude_bias_m=9e5, speed_bias_mps=9000.0).state
+    assert [said.split()[1] for said in watch.look(both[0])] == ["v_rel_mps"]
+
+
+def test_an_entry_state_that_the_bus_cannot_carry_is_refused_with_its_signal() -> None:
+    mission = load_mission(
+        "hyperion-1",
+        {"entry.frame": "inertial", "entry.speed_mps": 13_300.0, "heading_deg": -90.0},
+    )  # westwards: over the planet, which turns eastwards, it is faster
+    with pytest.raises(
+        FlightError, match=r"v_rel_mps is 137\d\d.*, allowed 0 to 13400 by NAV_VERT"
+    ):
+        refuse_beyond_the_bus(mission, mission.truth()[0])
 
 
 def test_model_exact_refuses_an_error() -> None:

@@ -117,7 +117,9 @@ def killed(folder: Path, kind: str, at_s: float, whom: str = "harness") -> tuple
 def check(flown_s: float, recording: Recording) -> None:
     """At most a second is lost, all that is left replays, and it says until when it goes."""
     assert recording.until_s >= flown_s - LOST_MAX_S
-    assert len(recording.truth) == 0 or recording.truth["t_s"][-1] >= flown_s - LOST_MAX_S
+    if flown_s > LOST_MAX_S:
+        assert len(recording.truth) > 0
+        assert recording.truth["t_s"][-1] >= flown_s - LOST_MAX_S
     replayed = Replayer(recording).run()
     assert replayed.is_identical, replayed.difference
     assert replayed.gap_s is None
@@ -149,8 +151,14 @@ def test_a_kill_takes_at_most_a_second_of_flight(
         assert not recording.is_complete
 
 
+SHARE = (44, 29, 34, 19)  # a kind of flight each, the flight computer killed in two
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize(
+    "seed",
+    [pytest.param(seed, marks=[pytest.mark.share] * (seed in SHARE)) for seed in range(50)],
+)
 def test_fifty_kills_at_random_moments(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     kind = list(KINDS)[seed % len(KINDS)]

@@ -178,6 +178,7 @@ def test_the_result_shown_is_the_result_printed(
 
 
 @pytest.mark.slow
+@pytest.mark.share
 @pytest.mark.parametrize(
     ("row", "law"), list(zip(MEASURED.findall(README), ["nominal"] * 5 + ["lqy"] * 5, strict=True))
 )

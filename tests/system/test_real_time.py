@@ -157,7 +157,8 @@ def test_a_pace_that_cannot_be_held_says_what_was_reached(
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert status == 0
     assert summary["pace_held"] is False
-    assert 0.0 < summary["pace_reached"] < 1000.0 * HELD_RATIO or summary["slips"] > 0
+    assert 0.0 < summary["pace_reached"] < 1000.0 * HELD_RATIO  # 2 us a frame: none can
+    assert summary["timing"]["harness"]["harness_slips"] > 0
     assert "pace 1000x not held" in told.out
     assert "late: " in told.err
 
@@ -201,7 +202,9 @@ def test_missing_privileges_are_said_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("synchronisation", ["frame", "clock"])
+@pytest.mark.parametrize(
+    "synchronisation", [pytest.param("frame", marks=pytest.mark.share), "clock"]
+)
 def test_a_minute_in_real_time_misses_no_deadline(synchronisation: str, tmp_path: Path) -> None:
     made = piece(60.0)
     run = flown_without_slip(made, tmp_path, pace=1.0, synchronisation=synchronisation)

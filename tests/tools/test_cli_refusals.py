@@ -42,7 +42,7 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
         ),
         (
             ["fly", "hyperion-1", "--set", "heat_flux_max_kwpm2=-5"],
-            ["limits.heat_flux_max_kwpm2 is -5", "allowed 1 to inf kW/m2"],
+            ["limits.heat_flux_max_kwpm2 is -5", "allowed 1 to 1000000 kW/m2, or inf"],
         ),
         (
             ["fly", "hyperion-1", "--set", "heat_flux_max_kwpm2=nan"],

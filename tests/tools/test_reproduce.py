@@ -114,6 +114,7 @@ def test_a_missed_bar_is_exit_status_one(
 
 
 @pytest.mark.slow
+@pytest.mark.share
 @pytest.mark.jit_only
 def test_a_quick_look_at_mooij_holds(capsys: pytest.CaptureFixture[str]) -> None:
     status = main(["reproduce", "mooij", "--quick", "--json"])

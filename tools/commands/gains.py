@@ -14,20 +14,27 @@ def gains(
         bool, typer.Option("--check", help="write nothing; exit 1 if what is stored differs")
     ] = False,
 ) -> None:
-    """Design the gains of each law of a design.toml; write load images and provenance beside it."""
-    from tools.gains.image import design_path, differences, image_path, make_all, write
+    """Design the gains of each law of a design.toml; write load images and provenance beside it.
+
+    What is stored already and the same up to round-off stays as it is.
+    """
+    from flight_sw.load_image import parse_image
+    from tools.gains.compare import compare, keep_or_write
+    from tools.gains.image import design_path, image_path, make_all
 
     path = design_path(target)
-    found = []
-    for made in make_all(path):
-        if check:
-            found += differences(path.parent, made)
-        else:
-            write(path.parent, made)
-        print(
-            f"{image_path(path.parent, made.law)}  crc32 0x{made.crc32:08x}  {len(made.raw)} bytes"
-        )
-    for difference in found:
-        sys.stderr.write(f"aeroshell: {difference}\n")
-    if found:
+    made_all = make_all(path)
+    n_different = 0
+    for made in made_all:
+        verdict = compare(path.parent, made) if check else keep_or_write(path.parent, made)
+        image = image_path(path.parent, made.law)
+        raw = image.read_bytes() if verdict.is_kept else made.raw
+        told = str(verdict)
+        if not check:
+            told = f"{verdict}, left as it is" if verdict.is_kept else "written"
+        print(f"{image}  crc32 0x{parse_image(raw, made.law).crc32:08x}  {len(raw)} bytes  {told}")
+        n_different += not verdict.is_kept
+    if check and n_different:
+        count = f"{n_different} of {len(made_all)}"
+        sys.stderr.write(f"aeroshell: {count} load images differ from what {path} gives\n")
         raise typer.Exit(1)

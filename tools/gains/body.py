@@ -14,13 +14,11 @@ from flight_sw.load_image import body_spec
 from flight_sw.onboard import ALPHA_ROWS, MACH_ROWS
 from flight_sw.types_ import Record
 from sim_harness.mission import Mission
+from sim_harness.mission_keys import SAMPLED_ALPHA_DEG
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.records import AERO_TABLE
 from tools.gains import adaptive, drag, lqy
 from tools.gains.schema import Axis, Design
-
-ALPHA_STEP_DEG = 1.25  # of the sampled table: 20 and 45 deg are knots, 3e-5 off between them
-ALPHA_LOW_DEG, ALPHA_HIGH_DEG = -5.0, 90.0
 
 
 class Filled(NamedTuple):
@@ -39,8 +37,7 @@ def _aero_table(aero: Record, world: Record) -> None:
         if alphas.size == 1:
             alphas = np.array([alphas[0], alphas[0] + math.radians(1.0)])
     else:
-        count = round((ALPHA_HIGH_DEG - ALPHA_LOW_DEG) / ALPHA_STEP_DEG) + 1
-        alphas = np.radians(np.linspace(ALPHA_LOW_DEG, ALPHA_HIGH_DEG, count))
+        alphas = np.radians(SAMPLED_ALPHA_DEG)
         machs = np.zeros(1)
     area_m2 = float(truth["area_m2"])
     lift, drag = np.zeros((ALPHA_ROWS, MACH_ROWS)), np.zeros((ALPHA_ROWS, MACH_ROWS))

@@ -2,7 +2,9 @@
 
 from typing import Annotated, Literal
 
-from sim_harness.quantities import Quantity, Section
+from flight_sw import prediction
+from flight_sw.guidance import drag_observer, drag_tracking, range_predictor
+from sim_harness.quantities import Quantity, Section, loaded
 
 
 class NominalFlight(Section):
@@ -24,12 +26,26 @@ class DragTracking(Section):
     eps0_s: Annotated[float, Quantity("s", 0.1, 1e3, "eps0")]
     a: Annotated[float, Quantity("-", 0.0, 1e4, "on the drag error")]
     b: Annotated[float, Quantity("-", 0.0, 1e4, "on its rate")]
-    alpha_deg: Annotated[float, Quantity("deg", -180.0, 180.0, "held throughout")] = 0.0
+    alpha_deg: Annotated[
+        float, loaded(drag_tracking.DESIGN, "alpha_rad", "deg", "held throughout")
+    ] = 0.0
     active_drag_mps2: Annotated[
-        float, Quantity("m/s2", 0.0, 1e3, "sensed drag that starts tracking; nominal bank before")
+        float,
+        loaded(
+            drag_tracking.DESIGN,
+            "active_drag_mps2",
+            "m/s2",
+            "sensed drag that starts tracking; nominal bank before",
+        ),
     ] = 2.0
     authority_min_mps4: Annotated[
-        float, Quantity("m/s4", 0.0, 1e3, "floor of |g0| under the feedback; 0: as the source")
+        float,
+        loaded(
+            drag_tracking.DESIGN,
+            "authority_min_mps4",
+            "m/s4",
+            "floor of |g0| under the feedback; 0: as the source",
+        ),
     ] = 0.0
     lift: Literal["model", "sensed"] = "model"
     """Lift in g0: the load's ratio to drag, or as sensed."""
@@ -37,7 +53,13 @@ class DragTracking(Section):
     observes: Literal["error", "ratio"] = "error"
     """What the observer follows: the drag error (Eq. 25), or sensed over modelled drag."""
     observed_drag_mps2: Annotated[
-        float, Quantity("m/s2", 0.0, 1e3, "sensed drag that starts the observer of the ratio")
+        float,
+        loaded(
+            drag_observer.WATCH,
+            "observed_drag_mps2",
+            "m/s2",
+            "sensed drag that starts the observer of the ratio",
+        ),
     ] = 0.3
     takes: Literal["sensed", "estimate"] = "sensed"
     """Drag in law, f and g0: as sensed (Eq. 24), or the observer's estimate."""
@@ -48,16 +70,34 @@ class DragTracking(Section):
 class RangePredictor(Section):
     """The flight ahead, and how its end corrects the bank."""
 
-    step_s: Annotated[float, Quantity("s", 0.01, 100.0, "of the prediction")] = 4.0
+    step_s: Annotated[float, loaded(prediction.AIM, "step_s", "s", "of the prediction")] = 4.0
     steps_a_frame: Annotated[
-        int, Quantity("-", 1, 64, "of a path in one guidance step, a whole number")
+        int,
+        loaded(
+            range_predictor.PREDICTOR,
+            "steps_count",
+            "-",
+            "of a path in one guidance step, a whole number",
+        ),
     ] = 1
     end: Literal["speed or altitude", "altitude"] = "speed or altitude"
     """Where a path ends: at the target's speed or altitude, or at its altitude alone."""
-    cos_apart: Annotated[float, Quantity("-", 1e-6, 0.5, "between the two paths")] = 0.02
-    gain: Annotated[float, Quantity("-", 0.01, 1.0, "share of Newton's step")] = 0.7
-    cos_step_max: Annotated[float, Quantity("-", 1e-4, 2.0, "largest correction")] = 0.15
+    cos_apart: Annotated[
+        float, loaded(range_predictor.PREDICTOR, "cos_apart", "-", "between the two paths")
+    ] = 0.02
+    gain: Annotated[
+        float, loaded(range_predictor.PREDICTOR, "gain_ratio", "-", "share of Newton's step")
+    ] = 0.7
+    cos_step_max: Annotated[
+        float, loaded(range_predictor.PREDICTOR, "cos_step_max", "-", "largest correction")
+    ] = 0.15
     sensitivity_min_km: Annotated[
-        float, Quantity("km", 1e-3, 1e6, "range per cosine below which the largest is taken")
+        float,
+        loaded(
+            range_predictor.PREDICTOR,
+            "sensitivity_min_m",
+            "km",
+            "range per cosine below which the largest is taken",
+        ),
     ] = 2.0
     lag_s: Annotated[float, Quantity("s", 0.0, 100.0, "smooths the correction")] = 0.5
