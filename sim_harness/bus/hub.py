@@ -204,7 +204,7 @@ class Hub:
                 self._accept()
 
     def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError, ConnectionAbortedError, BrokenPipeError):
+        with contextlib.suppress(BlockingIOError, ConnectionAbortedError):
             client, _ = self._listener.accept()
             row = int(np.argmax(self._hub["client"][0]["state"] == FREE))
             process, user, _ = PEER.unpack(
@@ -216,7 +216,8 @@ class Hub:
             if self._hub["client"][0]["state"][row] != FREE:
                 self._turn_away(client, IS_FULL, f"client {CLIENTS_MAX + 1}, process {process}")
                 return
-            client.send(greeting(), socket.MSG_NOSIGNAL)
+            with contextlib.suppress(OSError):  # it may have left already
+                client.send(greeting(), socket.MSG_NOSIGNAL)
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             self._connections += 1
             self._clients[row] = client

@@ -103,13 +103,13 @@ def test_a_computer_that_waits_ends_when_it_was_asked_to(tmp_path: Path) -> None
             assert "no frame from a harness for 1 s, after 0 cycles" in computer.last_words
 
 
-def refused_beside(run: FlightRun, address: str, load: Path) -> str:
+def refused_beside(run: FlightRun, second: FlightRun) -> str:
     """What a second harness is told that comes while a flight goes on."""
     words: list[str] = []
 
     def come() -> None:
         try:
-            fly_bus(run_of(piece(1.0), load, address, recorded=False))
+            words.append(fly_bus(second))
         except FlightError as error:
             words.append(str(error))
 
@@ -122,8 +122,9 @@ def refused_beside(run: FlightRun, address: str, load: Path) -> str:
 def test_a_second_harness_is_refused_and_the_first_flies_its_flight(tmp_path: Path) -> None:
     address = f"unix:{tmp_path / 'bus'}"
     with Hub(tmp_path / "bus"):
-        run = run_of(piece(3.0), tmp_path / "a.load", address, recorded=False, pace=1.0)
-        words = refused_beside(run, address, tmp_path / "b.load")
+        run = run_of(piece(6.0), tmp_path / "a.load", address, recorded=False, pace=1.0)
+        second = run_of(piece(1.0), tmp_path / "b.load", address, recorded=False)
+        words = refused_beside(run, second)
     computer = name_of(int(run.harness["port"]["computer"][0]))
     named = f"{address}: harness {name_of(run.number)} flies there with flight computer {computer}"
     assert words in (named, f"{address}: another harness flies there")
