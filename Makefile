@@ -154,12 +154,12 @@ test-slow: setup ## long campaigns
 .PHONY: vcan
 vcan: setup ## the SocketCAN tests: natively, or in a user-mode Linux booted for them
 	@echo "== tests on vcan0"
-	tests/vcan/run
+	exec tests/vcan/run  # no shell between: who is ended with make is its child
 
 .PHONY: vcan-slow
 vcan-slow: setup ## ten minutes of foreign traffic at full rate
 	@echo "== slow tests on vcan0"
-	tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider $(SLOW) -m "vcan and slow" tests/vcan
+	exec tests/vcan/run $(PYTEST) -q -s -p no:cacheprovider $(SLOW) -m "vcan and slow" tests/vcan
 
 .PHONY: latency
 latency: setup ## measure the round trip on every bus, vcan in the box if need be, into README

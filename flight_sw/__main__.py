@@ -5,7 +5,7 @@ import math
 import sys
 from pathlib import Path
 
-from flight_sw.errors import AeroshellError
+from flight_sw import program
 
 PACE_LOW, PACE_HIGH = 0.01, 1000.0
 TIMEOUT_LOW_S = 1.0
@@ -13,7 +13,11 @@ SILENCE_TIMEOUT_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse, boot, and turn a refusal into one sentence and exit status 1."""
+    """Parse and boot; a refusal is one sentence and exit status 1."""
+    return program.run("flight computer", lambda: _boot(arguments))
+
+
+def _boot(arguments: list[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m flight_sw",
         description="Flight computer: serves a CAN bus until it is told to stop.",
@@ -60,18 +64,14 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f"--pace is {options.pace:g}, allowed {PACE_LOW:g} to {PACE_HIGH:g}")
     from flight_sw.boot import Timing, boot  # the compiler is slow to import: not for --help
 
-    try:
-        timing = Timing(
-            options.synchronisation,
-            options.pace,
-            options.silence_timeout_s,
-            options.waiting_timeout_s,
-        )
-        boot(options.load, options.bus, timing)
-    except AeroshellError as error:
-        sys.stderr.write(f"flight computer: {error}\n")
-        return 1
-    return 0
+    timing = Timing(
+        options.synchronisation,
+        options.pace,
+        options.silence_timeout_s,
+        options.waiting_timeout_s,
+    )
+    boot(options.load, options.bus, timing)
+    return program.DONE
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import gc
 import json
 import math
 import signal
-import sys
 import threading
 import time
 from pathlib import Path
@@ -23,6 +22,7 @@ from flight_sw import icd
 from flight_sw.__main__ import SILENCE_TIMEOUT_S
 from flight_sw.announcer import ARMED, READY, Announcer
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
+from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
@@ -41,6 +41,7 @@ from flight_sw.identity import SOURCES, draw_number, name_of
 from flight_sw.load_image import activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
+from flight_sw.streams import say, tell
 
 SLICE_NS = 100_000_000  # between two looks at signals
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
@@ -115,15 +116,14 @@ class FlightComputer:
         """
         words = [word for word in (missing, take_priority(punctual_processor())) if word]
         if words:
-            sys.stderr.write(f"{NOT_PERMITTED} {'; '.join(words)}\n")
-            sys.stderr.flush()
+            say(f"{NOT_PERMITTED} {'; '.join(words)}")
 
     def compile(self) -> None:
         """Load or make the machine code; says so if it takes long."""
         start_s = time.monotonic()
         notice = threading.Timer(
             SLOW_COMPILE_S,
-            lambda: sys.stderr.write(f"{COMPILES} '{self.image.law}' for this processor, once\n"),
+            lambda: say(f"{COMPILES} '{self.image.law}' for this processor, once"),
         )
         notice.start()
         self._serve(new_state(self.image.law), self.executive.copy(), 0)
@@ -209,6 +209,7 @@ class FlightComputer:
         """What the computer can tell of its flight."""
         executive, state = self.executive[0], self.state[0]
         counted = state["rx"]["counted"]
+        errors = account_of(executive["errors"])
         return {
             "law": self.image.law,
             "computer": name_of(self.number),
@@ -219,8 +220,10 @@ class FlightComputer:
             "frames_sent": int(executive["frames_sent"]),
             "verdicts": {name: int(n) for name, n in zip(VERDICTS, counted, strict=True)},
             "wrong_size": int(self.io["wrong_size"][0]),
-            "error_frames": int(executive["error_frames"]),
-            "error_counters": [int(n) for n in executive["error_counters"]],
+            "error_frames": errors.frames,
+            "bus_off": errors.bus_off,
+            "bus_errors": list(errors.words),
+            "error_counters": list(errors.counters),
             "frames_dropped": frames_dropped(self.bus),
             "bus_losses": int(executive["bus_losses"]),
             "bus_down_s": round(self.bus_down_s(), 3),
@@ -242,8 +245,7 @@ def boot(load_path: Path, bus_address: str, timing: Timing) -> None:
     """Run a flight computer to its end and print its report; raises AeroshellError if refused."""
     computer = FlightComputer(load_path, bus_address, timing)
     outcome = computer.run()
-    sys.stdout.write(json.dumps(computer.report()) + "\n")
-    sys.stdout.flush()
+    tell(json.dumps(computer.report()))
     computer.bus.close()
     if computer.silence:
         raise FlightError(f"{bus_address}: {computer.silence}")

@@ -19,6 +19,7 @@ from flight_sw.can.address import ERROR_FLAG
 from flight_sw.can.bursts import recv_rest
 from flight_sw.can.codec import pack
 from flight_sw.can.e2e import protect
+from flight_sw.can.error_frames import ERRORS, note_error
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import BUS_DOWN, recv_frames, send_frames
 from flight_sw.computer import COUNTER_MODULUS, minor_frame
@@ -54,8 +55,7 @@ EXECUTIVE = np.dtype(
         ("frames_received", "i8"),
         ("frames_sent", "i8"),
         ("false_ticks", "i8"),  # frames from the bus that looked like the executive's own tick
-        ("error_frames", "i8"),  # what the interface told of itself
-        ("error_counters", "u1", (2,)),  # of its controller, sending and receiving, as last told
+        ("errors", ERRORS),  # what the interface told of itself
         ("bus_losses", "i8"),  # times the interface went down
         ("down_ns", "i8"),  # since when it is; 0: it is not
         ("down_total_ns", "i8"),  # in the losses that are over
@@ -81,17 +81,7 @@ FULL_IN_ROW_MAX = 64  # receptions; a bus that floods us for so long does not ho
 NAP_NS = 100_000  # between two looks at the bus in the last millisecond before a deadline
 BUS_DOWN_MAX_NS = 5_000_000_000
 DOWN_PAUSE_NS = 1_000_000  # between two tries to wait on an interface that is down
-TRANSMIT_COUNTER, RECEIVE_COUNTER = np.uint64(48), np.uint64(56)  # bits of an error frame's data
-BYTE = np.uint64(0xFF)
 TELEMETRY_NS = icd.layout("FSW_TIMING").cycle_ms * NS_PER_MS
-
-
-@kernel
-def _note_error(executive: Record, word: np.uint64) -> None:
-    """Count an error frame and keep its controller's counters."""
-    executive["error_frames"] += 1
-    executive["error_counters"][0] = np.uint8((word >> TRANSMIT_COUNTER) & BYTE)
-    executive["error_counters"][1] = np.uint8((word >> RECEIVE_COUNTER) & BYTE)
 
 
 @kernel
@@ -103,7 +93,7 @@ def _keep_data(rx: Frames, n_rx: int, executive: Record) -> int:
             executive["false_ticks"] += 1
             continue
         if rx[i]["can_id"] & ERROR_FLAG != 0:
-            _note_error(executive, rx[i]["data"])
+            note_error(executive["errors"], rx[i]["can_id"], rx[i]["data"])
             continue
         if kept != i:
             rx[kept]["can_id"] = rx[i]["can_id"]

@@ -2,12 +2,10 @@
 
 import os
 import socket
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 from flight_sw.can.address import frames_dropped, open_bus
 from flight_sw.can.sockets import new_io, send_frames
@@ -29,6 +27,7 @@ from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import no_ear, socket_ear
 from sim_harness.bus.hub import Hub
+from sim_harness.bus.place import bus_place
 from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightPlan, FlightRun
 from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
@@ -73,8 +72,7 @@ class BusFlight:
         plan = run.plan
         address = plan.bus
         if plan.bus == "unix":
-            folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="aeroshell-"))
-            path = Path(folder) / "bus"
+            path = resources.enter_context(bus_place())
             run.waiting("compiling the bus for this processor, once")
             hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded, tell=run.warn)
             self.ear = resources.enter_context(hub).ear

@@ -18,6 +18,27 @@ PACKAGE_PARENT = Path(__file__).resolve().parents[1]
 LAST_WORDS = 5  # lines of its standard error that are kept
 
 
+def own_module(name: str) -> list[str]:
+    """The command that runs a module of this installation; the working folder holds none."""
+    return [sys.executable, "-P", "-m", name]
+
+
+def own_environment() -> dict[str, str]:
+    """The environment in which a process of ours imports what this one did.
+
+    Its packages come first. Of the user's own places for modules those stay that are absolute and
+    not the working folder: an empty one, as in `PYTHONPATH=$PYTHONPATH:/lib`, means just that.
+    """
+    here = os.getcwd()
+    own = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    kept = [place for place in own if os.path.isabs(place) and not _is_same(place, here)]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(PACKAGE_PARENT), *kept])}
+
+
+def _is_same(place: str, other: str) -> bool:
+    return os.path.realpath(place) == os.path.realpath(other)
+
+
 class ComputerProcess:
     """`python -m flight_sw` on a bus, in a session of its own so that Ctrl-C ends only us."""
 
@@ -28,16 +49,15 @@ class ComputerProcess:
         options: list[str],
         warn: Callable[[str], None],
     ) -> None:
-        command = [sys.executable, "-m", "flight_sw", "--load", str(load_path), *options]
-        paths = [str(PACKAGE_PARENT), os.environ.get("PYTHONPATH", "")]
         self._process = subprocess.Popen(
-            [*command, "--bus", bus_address],
+            [*own_module("flight_sw"), "--load", str(load_path), *options, "--bus", bus_address],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+            env=own_environment(),
         )
         self._words: list[str] = []
         self._warn = warn

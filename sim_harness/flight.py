@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
+from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import VERDICTS
 from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
@@ -26,6 +27,7 @@ from flight_sw.load_image import LoadImage, activate, parse_image
 from flight_sw.requests import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear
+from sim_harness.error_watch import ErrorWatch
 from sim_harness.jit import kernel
 from sim_harness.journal import BUS_ROWS, TRUTH_ROWS, Journal
 from sim_harness.logs import BUS, COMMANDS, TRUTHS, Logs
@@ -130,6 +132,8 @@ class FlightRun:
     wall_s: float = 0.0
     ended_by: str = ""
     """What ended the flight from outside, in a word; empty if nothing did."""
+    unrecorded: str = ""
+    """Why the recording ended before the flight, in a sentence; empty if it did not."""
     frames_dropped: int = 0
     """Frames that the harness's socket had no room for."""
     punctuality: dict[str, Any] = field(default_factory=dict)
@@ -164,6 +168,7 @@ class FlightRun:
         self.journal: Journal | None = None
         self._sha256 = hashlib.sha256()
         self.slip_watch, self.role_watch = SlipWatch(), RoleWatch()
+        self.error_watch = ErrorWatch()
         self.navigation_watch = NavigationWatch()
 
     def waiting(self, text: str) -> None:
@@ -249,6 +254,7 @@ class FlightRun:
             listener.progress(self)
         if self.plan.bus != "memory":
             self.warn(self.role_watch.look(time.monotonic(), self))
+        self.warn(self.error_watch.look(account_of(self.harness["port"]["errors"][0])))
         for said in self.navigation_watch.look(self.harness[0]["navigation"]):
             self.warn(said)
         if self.plan.pace > 0.0:

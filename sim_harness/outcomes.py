@@ -26,15 +26,27 @@ BY_OUTCOME = {
     "ground": SHORT,
     "time out": SHORT,
 }
-RATIOS = (
-    ("heat_flux_max_ratio", "heat_flux_ratio_max"),
-    ("load_factor_max_ratio", "load_factor_ratio_max"),
-    ("dynamic_pressure_max_ratio", "dynamic_pressure_ratio_max"),
-)
+RATIOS = {
+    "heat flux": ("heat_flux_max_ratio", "heat_flux_ratio_max"),
+    "load factor": ("load_factor_max_ratio", "load_factor_ratio_max"),
+    "dynamic pressure": ("dynamic_pressure_max_ratio", "dynamic_pressure_ratio_max"),
+}
+"""Each limit's ratio among a flight's scalars, and the key of the judgement that bounds it."""
+TOGETHER = ", "  # between the limits that one flight exceeded
 
 
 def _is_beyond(value: Any, bound: float) -> bool:
     return value is not None and not value <= bound
+
+
+def limits_exceeded(facts: Mapping[str, Any], judgement: Judgement) -> str:
+    """The limits that a flight exceeded by more than is allowed; empty if none."""
+    names = [
+        name
+        for name, (ratio, bound) in RATIOS.items()
+        if _is_beyond(facts.get(ratio), getattr(judgement, bound))
+    ]
+    return TOGETHER.join(names)
 
 
 def outcome_class(facts: Mapping[str, Any], judgement: Judgement) -> str:
@@ -45,7 +57,7 @@ def outcome_class(facts: Mapping[str, Any], judgement: Judgement) -> str:
         return ended
     if _is_beyond(facts.get("downrange_error_km"), judgement.short_of_target_km):
         return SHORT
-    if any(_is_beyond(facts.get(ratio), getattr(judgement, bound)) for ratio, bound in RATIOS):
+    if limits_exceeded(facts, judgement):
         return LIMIT_EXCEEDED
     saturated_s = facts["bank_saturated_s"] + facts["alpha_saturated_s"]
     if saturated_s > judgement.saturated_share_max * facts["flight_time_s"]:

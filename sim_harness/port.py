@@ -10,6 +10,7 @@ from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG
 from flight_sw.can.codec import pack, unpack
 from flight_sw.can.e2e import counter_of, crc_ok, protect
+from flight_sw.can.error_frames import ERRORS, note_error
 from flight_sw.can.receiver import (
     FOREIGN,
     RX_STATE,
@@ -72,7 +73,7 @@ PORT = np.dtype(
         ("other_computer", "u4"),
         ("frames_sent", "i8"),
         ("frames_received", "i8"),
-        ("error_frames", "i8"),  # what the interface told of itself
+        ("errors", ERRORS),  # what the interface told of itself
         ("tx_refused", "i8"),  # messages whose values the DBC does not carry
         ("command", "u8"),  # word of the command that waits for its status message
         ("flown", "u8"),  # word of the last command that was complete in time
@@ -201,7 +202,7 @@ def _take_status(port: Record, cycle: int) -> None:
 def take(codec: Record, port: Record, frame: Record, cycle: int) -> None:
     """Judge one frame from the bus; sets `answered` when the cycle's command is complete."""
     if frame["can_id"] & ERROR_FLAG != 0:
-        port["error_frames"] += 1
+        note_error(port["errors"], frame["can_id"], frame["data"])
         return
     port["frames_received"] += 1
     rx = port["rx"]

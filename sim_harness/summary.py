@@ -4,12 +4,13 @@ import json
 import math
 from typing import Any
 
+from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.identity import name_of
 from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
 from sim_harness.navigation_watch import held_values
-from sim_harness.outcomes import outcome_class
+from sim_harness.outcomes import limits_exceeded, outcome_class
 from sim_harness.terminal import told
 
 TIMING_KEY = "timing"  # of a recording's results
@@ -167,7 +168,12 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
         "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
         **frame_facts(run),
     }
-    return {**facts, "outcome_class": outcome_class(facts, run.plan.mission.judgement)}
+    judgement = run.plan.mission.judgement
+    return {
+        **facts,
+        "limits_exceeded": limits_exceeded(facts, judgement),
+        "outcome_class": outcome_class(facts, judgement),
+    }
 
 
 def _number(number: int) -> str | None:
@@ -180,6 +186,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
     port = harness["port"]
     reported = "verdicts" in run.computer
     facts = flight_facts(run)
+    errors = account_of(port["errors"])
     return {
         **facts,
         "harness": name_of(run.number),
@@ -192,7 +199,10 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "other_computer": _number(port["other_computer"]),
         "rejected_by_harness": rejected(verdicts(port["rx"]["counted"])),
         "frames_dropped": run.frames_dropped + int(run.computer.get("frames_dropped", 0)),
-        "error_frames": int(port["error_frames"]),
+        "error_frames": errors.frames,
+        "bus_off": errors.bus_off,
+        "bus_errors": list(errors.words),
+        "recording_failure": run.unrecorded or None,
         "bus_losses": int(run.computer.get("bus_losses", 0)),
         "bus_rows_lost": int(harness["bus_rows_lost"]),
         "command_rows_lost": int(harness["command_rows_lost"]),

@@ -5,73 +5,69 @@ Exit status: 0 done, 1 refused, 2 wrong usage, 130 interrupted.
 
 import signal
 import sys
+from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-import typer
+if TYPE_CHECKING:
+    import typer
 
-from flight_sw.errors import AeroshellError
-from tools.commands import (
-    bench,
-    bus,
-    campaign,
-    export,
-    fly,
-    gains,
-    info,
-    missions,
-    replay,
-    report,
-    reproduce,
-    review,
-    timing,
-)
+ALONE = ("fly", "campaign", "missions", "gains", "info", "export", "replay", "review", "report",
+         "timing")  # fmt: skip
+GROUPS = ("bench", "bus", "reproduce")
 
-REFUSED = 1
-INTERRUPTED = 130
 
-app = typer.Typer(
-    help="Atmospheric-entry guidance computer and the bench it is tested on.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-)
-app.command()(fly.fly)
-app.command()(campaign.campaign)
-app.command()(missions.missions)
-app.command()(gains.gains)
-app.command()(info.info)
-app.command()(export.export)
-app.command()(replay.replay)
-app.command()(review.review)
-app.command()(report.report)
-app.command()(timing.timing)
-app.add_typer(bench.app, name="bench")
-app.add_typer(bus.app, name="bus")
-app.add_typer(reproduce.app, name="reproduce")
+def application() -> "typer.Typer":
+    """All commands; imported here, so that what fails in an import is told in a sentence too."""
+    from importlib import import_module
+
+    import typer
+
+    app = typer.Typer(
+        help="Atmospheric-entry guidance computer and the bench it is tested on.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    for name in ALONE:
+        app.command()(getattr(import_module(f"tools.commands.{name}"), name))
+    for name in GROUPS:
+        app.add_typer(import_module(f"tools.commands.{name}").app, name=name)
+    return app
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
+def leave_out_working_folder() -> None:
+    """Import nothing from the folder that one works in, unless these packages themselves lie there.
+
+    An empty place in PYTHONPATH means that folder: it may hold a flight_sw of its own.
+    """
+    home = Path(__file__).resolve().parents[1]
+    try:
+        here = Path.cwd().resolve()
+    except OSError:
+        here = None
+    if here != home:
+        sys.path[:] = [place for place in sys.path if place and Path(place).resolve() != here]
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit status; a refusal is one sentence on stderr."""
+    leave_out_working_folder()
+    from flight_sw import program
+
     signal.signal(signal.SIGTERM, _end)
-    status = 0
-    try:
-        app(args=arguments, standalone_mode=True)
-    except AeroshellError as error:
-        sys.stderr.write(f"aeroshell: {error}\n")
-        return REFUSED
-    except KeyboardInterrupt:
-        status = INTERRUPTED
-    except SystemExit as leaving:
-        status = int(leaving.code or 0)
-    if status == INTERRUPTED:
-        sys.stderr.write("aeroshell: interrupted\n")
-    return status
+
+    def command() -> int:
+        program.check_arguments(sys.argv[1:] if arguments is None else arguments)
+        application()(args=arguments, standalone_mode=True)
+        return program.DONE
+
+    return program.run("aeroshell", command)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,9 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
+from flight_sw import program
+from flight_sw.streams import say, tell
+
 OUT = Path(__file__).parent / "review" / "coastlines.txt"
 STEPS_PER_DEG = 100
 
@@ -64,12 +67,12 @@ def text_of(content: bytes) -> str:
 def main(arguments: list[str]) -> int:
     """Write the file from the one that is named."""
     if len(arguments) != 1:
-        sys.stderr.write("usage: python -m tools.coastlines land-110m.json\n")
+        say("usage: python -m tools.coastlines land-110m.json")
         return 2
     OUT.write_text(text_of(Path(arguments[0]).read_bytes()), encoding="ascii")
-    print(OUT)
+    tell(OUT)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(program.run("coastlines", lambda: main(sys.argv[1:])))

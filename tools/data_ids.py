@@ -11,9 +11,11 @@ import random
 import sys
 import zlib
 
+from flight_sw import program
 from flight_sw.can.crc import shifted, shifted_bytes
 from flight_sw.errors import DesignError
 from flight_sw.icd import COUNTER_VALUES, DATA_IDS_ATTRIBUTE, FRAME_BYTES, LAYOUT
+from flight_sw.streams import tell
 
 ATTEMPTS = 1000
 ID_VALUES = range(1, 256)
@@ -70,9 +72,9 @@ def main() -> int:
     used = [message.data_ids for message in LAYOUT]
     for name in sys.argv[1:]:
         used.append(choose(name, tuple(used)))
-        print(f"{name} {DATA_IDS_ATTRIBUTE} {bytes(used[-1]).hex()}")
+        tell(f"{name} {DATA_IDS_ATTRIBUTE} {bytes(used[-1]).hex()}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program.run("data_ids", main))

@@ -1,16 +1,16 @@
 """Says on a terminal what takes its time."""
 
-import sys
 from typing import Self
+
+from flight_sw.streams import is_watched
+from tools.console import progress_console
 
 
 class Doing:
     """A line that says what is done now, gone when it is done; nothing where stderr is a file."""
 
     def __enter__(self) -> Self:
-        from rich.console import Console
-
-        self._status = Console(stderr=True).status("") if sys.stderr.isatty() else None
+        self._status = progress_console().status("") if is_watched() else None
         if self._status:
             self._status.start()
         return self

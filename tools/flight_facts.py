@@ -38,10 +38,14 @@ EXTREMES = (
 )
 
 
+def law_of(manifest: Mapping[str, str]) -> Any:
+    """This version's law of the name that was flown; None where there is none."""
+    return LAWS.get(manifest.get("law", ""))
+
+
 def phases_of(manifest: Mapping[str, str]) -> dict[int, str]:
     """The names of the law's phases, of this version's law of that name."""
-    law: Any = LAWS.get(manifest.get("law", ""))
-    return dict(enumerate(getattr(law, "PHASES", ())))
+    return dict(enumerate(getattr(law_of(manifest), "PHASES", ())))
 
 
 def named(text: str, phases: Mapping[int, str]) -> str:

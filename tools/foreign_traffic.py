@@ -11,11 +11,12 @@ import time
 
 import numpy as np
 
-from flight_sw import icd
+from flight_sw import icd, program
 from flight_sw.can.address import open_bus
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import BATCH, new_io, send_frames
 from flight_sw.dictionary import FRAME
+from flight_sw.streams import say, tell
 from flight_sw.types_ import Frames
 from sim_harness.jit import kernel
 
@@ -59,7 +60,8 @@ def send_on_time(
 
 
 def _wait_for_end(over: threading.Event) -> None:
-    sys.stdin.read()
+    if sys.stdin is not None:  # closed: it has ended
+        sys.stdin.read()
     over.set()
 
 
@@ -71,14 +73,17 @@ def main(address: str) -> int:
     with open_bus(address) as bus:
         bus.setblocking(False)
         send_on_time(bus.fileno(), io, frames[:0], time.monotonic_ns(), SLICE_NS * 10, 1)
-        print("sending", flush=True)
+        tell("sending")
         sent, start_ns = 0, time.monotonic_ns()
         while not over.is_set() and sent >= 0:
             sent = send_on_time(bus.fileno(), io, frames, start_ns, interval_ns, sent)
         seconds = (time.monotonic_ns() - start_ns) / 1e9
-    print(json.dumps({"frames": sent, "rate_hz": sent / seconds}))
+    tell(json.dumps({"frames": sent, "rate_hz": sent / seconds}))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    if len(sys.argv) != 2:
+        say("usage: python -m tools.foreign_traffic BUS")
+        sys.exit(2)
+    sys.exit(program.run("foreign_traffic", lambda: main(sys.argv[1])))

@@ -3,7 +3,9 @@
 import sys
 from pathlib import Path
 
+from flight_sw import program
 from flight_sw.icd import COUNTER_VALUES, DBC_PATH, DBC_SHA256, LAYOUT, N_MESSAGES, Message, Signal
+from flight_sw.streams import tell
 from sim_harness.bus.load_model import BITRATE_BPS, bus_load, worst_frame_bits
 
 ICD_PATH = Path(__file__).parent.parent / "docs" / "icd.md"
@@ -27,7 +29,7 @@ counter included, and that no frame of a message passes as one of another.
 
 
 def _range(signal: Signal) -> str:
-    return f"{signal.low:.10g} to {signal.high:.10g}"
+    return f"{signal.low:z.10g} to {signal.high:z.10g}"
 
 
 def _kind(signal: Signal) -> str:
@@ -51,9 +53,9 @@ def _overview() -> list[str]:
     ]
     for row in load.messages:
         cycle = f"{row.cycle_ms} ms" if row.cycle_ms else "event"
-        share = f"{PERCENT * row.load_ratio:.3f} %"
+        share = f"{PERCENT * row.load_ratio:z.3f} %"
         lines.append(f"| 0x{row.can_id:03X} | {row.message} | {row.sender} | {cycle} | {share} |")
-    lines.append(f"| | total | | | {PERCENT * load.total_ratio:.2f} % |")
+    lines.append(f"| | total | | | {PERCENT * load.total_ratio:z.2f} % |")
     return lines
 
 
@@ -88,9 +90,9 @@ def document() -> str:
 def main() -> int:
     """Write the document."""
     ICD_PATH.write_text(document(), encoding="utf-8")
-    print(f"{ICD_PATH.name}: {N_MESSAGES} messages")
+    tell(f"{ICD_PATH.name}: {N_MESSAGES} messages")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program.run("icd", main))

@@ -6,9 +6,7 @@ taken all of it.
 """
 
 import json
-import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,6 +17,7 @@ from flight_sw.errors import AeroshellError
 from flight_sw.histogram import percentiles_us
 from sim_harness.bus.hub import Hub
 from sim_harness.bus_flight import fly_bus
+from sim_harness.computer_process import own_environment, own_module
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory
 from sim_harness.world.records import TIME_OUT
 from tools.can_interface import exists, is_up
@@ -38,7 +37,6 @@ TRACKING = (
     "entry.angle_of_attack_deg=45",
 )
 """On the heat-flux limit."""
-PARENT = Path(__file__).resolve().parents[1]
 END_TIMEOUT_S = 5.0
 
 
@@ -56,14 +54,13 @@ class Latency(NamedTuple):
 @contextmanager
 def foreign_traffic(address: str) -> Iterator[dict[str, Any]]:
     """A process that loads the bus fully; what it has sent is in the dictionary afterwards."""
-    paths = [str(PARENT), os.environ.get("PYTHONPATH", "")]
     told: dict[str, Any] = {}
     with subprocess.Popen(
-        [sys.executable, "-m", "tools.foreign_traffic", address],
+        [*own_module("tools.foreign_traffic"), address],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        env=own_environment(),
     ) as process:
         assert process.stdout is not None
         try:

@@ -1,20 +1,24 @@
 """Live tables of what goes over a bus."""
 
+import math
 import socket
 import time
 
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from flight_sw import icd
+from flight_sw.streams import is_heard
 from sim_harness.bus.load_model import BusLoad
 from sim_harness.bus.traffic import Heard, Traffic, listen
+from tools.console import result_console
 
 PERCENT = 100.0
 REFRESH_HZ = 4
 RATE_WINDOW_S = 2.0
 VALUES_SHOWN = 3
+DIGITS_MAX = 8  # behind the point
+CHECKSUM_SUFFIX = "crc32"
 
 
 class Rates:
@@ -36,8 +40,11 @@ class Rates:
 
 
 def _value_text(signal: icd.Signal, value: float) -> str:
-    names = dict(signal.names)
-    text = names.get(round(value)) or f"{value:.6g}"
+    """A name where the value has one, a checksum as its bytes, else as many digits as are sent."""
+    digits = min(max(math.ceil(-math.log10(abs(signal.scale))), 0), DIGITS_MAX)
+    text = dict(signal.names).get(round(value)) or f"{value:z.{digits}f}"
+    if signal.name.endswith(CHECKSUM_SUFFIX):
+        text = f"0x{round(value):0{signal.bits // 4}x}"
     return f"{signal.name} {text}"
 
 
@@ -54,11 +61,9 @@ def values_text(heard: Heard) -> str:
 def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -> Table:
     """All identifiers heard so far."""
     load = traffic.bits / traffic.elapsed_s / bitrate_bps
-    transmit, receive = traffic.error_counters
     table = Table(
-        title=f"{traffic.frames} frames in {traffic.elapsed_s:.1f} s",
-        caption=f"{PERCENT * load:.2f} % of {bitrate_bps} bit/s at worst; "
-        f"{traffic.error_frames} error frames, counters {transmit} sending {receive} receiving",
+        title=f"{traffic.frames} frames in {traffic.elapsed_s:z.1f} s",
+        caption=f"{PERCENT * load:z.2f} % of {bitrate_bps} bit/s at worst; {traffic.errors.text}",
     )
     for heading in ("id", "message", "sender"):
         table.add_column(heading, no_wrap=True)
@@ -72,7 +77,7 @@ def traffic_table(traffic: Traffic, rates: dict[int, float], bitrate_bps: int) -
             heard.name or "(foreign)",
             heard.message.sender if heard.message else "",
             str(heard.frames),
-            f"{rates.get(key, 0.0):.1f}",
+            f"{rates.get(key, 0.0):z.1f}",
             str(heard.errors) if heard.message else "",
             values_text(heard),
         )
@@ -84,13 +89,15 @@ def show_live(bus: socket.socket, address: str, seconds: float, bitrate_bps: int
     traffic, rates = Traffic(), Rates()
     with Live(
         traffic_table(traffic, {}, bitrate_bps),
-        console=Console(),
+        console=result_console(),
         refresh_per_second=REFRESH_HZ,
         auto_refresh=False,
     ) as live:
         shown_s = 0.0
         try:
             for _ in listen(bus, traffic, address, seconds):
+                if not is_heard():
+                    return
                 if time.monotonic() - shown_s >= 1.0 / REFRESH_HZ:
                     shown_s = time.monotonic()
                     table = traffic_table(traffic, rates.update(traffic), bitrate_bps)
@@ -118,13 +125,13 @@ def comparison_table(load: BusLoad, traffic: Traffic) -> Table:
             row.message,
             row.sender,
             str(row.cycle_ms) if row.cycle_ms else "event",
-            f"{1e3 / row.cycle_ms:.1f}" if row.cycle_ms else "",
-            f"{PERCENT * row.load_ratio:.3f}",
-            f"{heard.frames / elapsed_s:.1f}",
-            f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}",
+            f"{1e3 / row.cycle_ms:z.1f}" if row.cycle_ms else "",
+            f"{PERCENT * row.load_ratio:z.3f}",
+            f"{heard.frames / elapsed_s:z.1f}",
+            f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:z.3f}",
         )
     for heard in sorted(left.values(), key=lambda h: h.key):
-        share = f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:.3f}"
-        rate = f"{heard.frames / elapsed_s:.1f}"
+        share = f"{PERCENT * heard.bits / elapsed_s / load.bitrate_bps:z.3f}"
+        rate = f"{heard.frames / elapsed_s:z.1f}"
         table.add_row(heard.can_id, "(foreign)", "", "", "", "", rate, share)
     return table

@@ -66,15 +66,41 @@ def split(
     for key in models_first(pairs):
         if key.rsplit(".", 1)[-1] == "law":
             raise MissionError(f"--set {key}: the law is chosen with --law")
-        known = leaf_keys(Mission, raw)
-        known += [DESIGN_PREFIX + name for name in leaf_keys(Design, tree)]
-        full = resolve(key, [name for name in known if name not in NOT_SETTABLE])
+        here, elsewhere = design_keys(tree)
+        known = [name for name in (*leaf_keys(Mission, raw), *here) if name not in NOT_SETTABLE]
+        if not any(name == key or name.endswith(f".{key}") for name in known):
+            refuse_elsewhere(key, elsewhere, tree)
+        full = resolve(key, known)
         if full.startswith(DESIGN_PREFIX):
             design[full.removeprefix(DESIGN_PREFIX)] = pairs[key]
         else:
             mission[full] = pairs[key]
             apply(raw, {full: pairs[key]})
     return mission, design
+
+
+def design_keys(tree: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Full names of the design's keys, and of those in tables that it does not have: of laws that
+    are not designed, whose tables one key would not fill."""
+    here: list[str] = []
+    elsewhere: list[str] = []
+    for name in leaf_keys(Design, tree):
+        section = name.partition(".")[0]
+        field = Design.model_fields[section]
+        is_absent = section not in tree and not field.is_required() and field.default is None
+        (elsewhere if is_absent else here).append(DESIGN_PREFIX + name)
+    return here, elsewhere
+
+
+def refuse_elsewhere(key: str, elsewhere: list[str], tree: Mapping[str, Any]) -> None:
+    """Refuse a key that only tables have which this design does not."""
+    for name in elsewhere:
+        if name == key or name.endswith(f".{key}"):
+            section = name.removeprefix(DESIGN_PREFIX).partition(".")[0]
+            raise DesignError(
+                f"--set {key}: no table [{section}] in this design, "
+                f"whose laws are {', '.join(tree.get('laws', []))}"
+            )
 
 
 def is_told(key: str) -> bool:

@@ -1,6 +1,5 @@
 """Replays on the ground's side: what takes long is said, what is written is not overwritten."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ import pyarrow as pa
 
 from flight_sw.errors import AeroshellError, RecordingError
 from flight_sw.load_image import LoadImage, read_image
+from flight_sw.streams import say
 from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up
 from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_computer
@@ -26,7 +26,7 @@ NOTHING = "holds no minor frame that its flight computer answered, nothing is to
 @contextmanager
 def patience(text: str) -> Iterator[None]:
     """Say what is waited for, once it gets long."""
-    notice = Timer(LONG_S, lambda: sys.stderr.write(f"{text}\n"))
+    notice = Timer(LONG_S, lambda: say(text))
     notice.daemon = True
     notice.start()
     try:

@@ -1,20 +1,20 @@
 """How a flight is shown on a terminal: a progress line while it flies, a table when it is over."""
 
-import sys
 from threading import Timer
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from flight_sw.modes import MODES
+from flight_sw.streams import is_watched, say
 from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
 from sim_harness.pacing import pace_so_far
 from sim_harness.slip_watch import slips_so_far
+from tools.console import progress_console
 from tools.published import published
 
 LONG_S = 2.0  # a wait that takes longer is spoken of
@@ -41,13 +41,13 @@ class ProgressLine:
     """A progress bar over the energy to be lost; shown only where stderr is a terminal."""
 
     def __init__(self, mission: Mission, quiet: bool) -> None:
-        self.console = Console(stderr=True)
+        self.console = progress_console()
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             TextColumn("{task.fields[state]}"),
             console=self.console,
-            disable=quiet or not sys.stderr.isatty(),
+            disable=quiet or not is_watched(),
             transient=True,
         )
         self._quiet = quiet
@@ -55,6 +55,7 @@ class ProgressLine:
         self._notice = Timer(0.0, lambda: None)
         self._from_mps = mission.entry.speed_mps
         self._to_mps = mission.end.speed_mps
+        self._has_heating = mission.heating is not None
         self._task = self._progress.add_task(mission.name, total=1.0, state="")
 
     def __enter__(self) -> "ProgressLine":
@@ -73,22 +74,26 @@ class ProgressLine:
         truth, port = run.harness["truth"][0], run.harness["port"][0]
         lost = (self._from_mps - truth["v_rel_mps"]) / max(self._from_mps - self._to_mps, 1.0)
         state = (
-            f"{truth['t_s']:7.1f} s  {MODES[int(port['mode'])]:<8} {truth['v_rel_mps']:6.0f} m/s  "
-            f"{truth['heat_flux_wpm2'] / 1e3:7.1f} kW/m2  "
-            f"bank {np.degrees(truth['bank_rad']):6.1f} deg"
+            f"{truth['t_s']:z7.1f} s  {MODES[int(port['mode'])]:<8} "
+            f"{truth['v_rel_mps']:z6.0f} m/s  {self._heat_flux(truth)}"
+            f"bank {np.degrees(truth['bank_rad']):z6.1f} deg"
         )
         if run.plan.pace > 0.0:
             reached = pace_so_far(run)
             late = slips_so_far(run)
-            state += f"  {reached:5.2f}x  {late.harness + late.computer} slips"
+            state += f"  {reached:z5.2f}x  {late.harness + late.computer} slips"
         self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
+
+    def _heat_flux(self, truth: np.void) -> str:
+        """The heat flux, where the mission has any."""
+        return f"{truth['heat_flux_wpm2'] / 1e3:z7.1f} kW/m2  " if self._has_heating else ""
 
     def warn(self, t_s: float, text: str) -> None:
         """One line on stderr, above the bar."""
         if self._progress.disable:
-            sys.stderr.write(f"{t_s:.1f} s: {text}\n")
+            say(f"{t_s:z.1f} s: {text}")
         else:
-            self._progress.console.print(f"{t_s:.1f} s: {text}", highlight=False, markup=False)
+            self._progress.console.print(f"{t_s:z.1f} s: {text}", highlight=False, markup=False)
 
     def waiting(self, text: str) -> None:
         """Say what is waited for: on the bar, or where there is none a line once it gets long."""
@@ -99,7 +104,7 @@ class ProgressLine:
         self._waits_for = kind
         self._notice.cancel()
         if kind and self._progress.disable and not self._quiet:
-            self._notice = Timer(LONG_S, lambda: sys.stderr.write(f"{kind}\n"))
+            self._notice = Timer(LONG_S, lambda: say(f"{kind}"))
             self._notice.daemon = True
             self._notice.start()
 
@@ -121,11 +126,11 @@ def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) ->
     for label, key, unit in ROWS:
         if summary[key] is None:
             continue  # the mission has no target, no heating or no such limit
-        cells = [label, f"{summary[key]:,.2f}"]
+        cells = [label, f"{summary[key]:z,.2f}"]
         if row:
             reference = getattr(row, key, None)
             cells += (
-                [f"{reference:,.1f}", f"{summary[key] / reference - 1.0:+.2%}"]
+                [f"{reference:z,.1f}", f"{summary[key] / reference - 1.0:+z.2%}"]
                 if reference is not None
                 else ["", ""]
             )
@@ -148,10 +153,10 @@ def _others(summary: dict[str, Any]) -> str:
 def footnote(summary: dict[str, Any], folder: str) -> str:
     """One line on how it was flown and where it lies."""
     step = summary["step_time_us"]
-    timing = f"step p50 {step['p50']:.1f} us, p99.9 {step['p999']:.1f} us; " if step else ""
+    timing = f"step p50 {step['p50']:z.1f} us, p99.9 {step['p999']:z.1f} us; " if step else ""
     pace = ""
     if not summary["pace_held"]:
-        pace = f"pace {summary['pace']} not held, {summary['pace_reached']:,.2f}x reached; "
+        pace = f"pace {summary['pace']} not held, {summary['pace_reached']:z,.2f}x reached; "
     held = "".join(
         f"{name} beyond the bus and held {count:,} times; "
         for name, count in summary["navigation_held"].items()
@@ -159,6 +164,6 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
     return (
         f"{held}{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
         f"{summary['frames_rejected']} frames rejected; {_others(summary)}{timing}{pace}"
-        f"{summary['speedup']:,.0f} times real time; commands {summary['command_sha256'][:16]}; "
+        f"{summary['speedup']:z,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"
     )

@@ -36,11 +36,11 @@ def _draw(axes: Any, quantity: Measured, edges_us: Any, period_us: float) -> Non
             color=LINE_COLOUR,
             linestyle=LINE_STYLES[key],
             linewidth=1.1,
-            label=f"{label} {value_us:,.1f} us",
+            label=f"{label} {value_us:z,.1f} us",
         )
     if period_us > 0.0:
         axes.axvline(
-            period_us, color=LIMIT_COLOUR, linewidth=1.4, label=f"period {period_us:,.0f} us"
+            period_us, color=LIMIT_COLOUR, linewidth=1.4, label=f"period {period_us:z,.0f} us"
         )
     axes.set_yscale("log")
     axes.set_ylim(COUNT_FLOOR, max(counts.max(), 1.0) * 3.0)

@@ -6,6 +6,7 @@ the kernel; a harness hears everything. Both hear the error frames of the interf
 
 import contextlib
 import errno
+import os
 import socket
 import struct
 from pathlib import Path
@@ -52,7 +53,7 @@ def frames_dropped(bus: socket.socket) -> int:
 
 
 def _open_unix(path: str) -> socket.socket:
-    size = len(path.encode())
+    size = len(os.fsencode(path))
     if size > UNIX_PATH_MAX_BYTES:
         raise BusError(
             f"unix:{path}: path of {size} bytes, a socket's has at most {UNIX_PATH_MAX_BYTES}"

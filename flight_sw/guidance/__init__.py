@@ -1,7 +1,8 @@
 """The guidance laws: a module each, and the one place that lists them.
 
-A law module has DESIGN and STATE (RecordSpec), PHASES and TELEMETRY (names), and a kernel
-`step(load, state, nav, out) -> status`. The law a computer runs is chosen by the type of its load:
+A law module has DESIGN and STATE (RecordSpec), PHASES and TELEMETRY (names), FIRST_PHASE (of
+telemetry that is not formed from the beginning), and a kernel `step(load, state, nav, out) ->
+status`. The law a computer runs is chosen by the type of its load:
 `law_step` is resolved when the minor frame is compiled, so that a computer holds one law's code.
 """
 

@@ -20,6 +20,7 @@ OBSERVES_ERROR, OBSERVES_RATIO = 0, 1
 TELEMETRY = (*drag_tracking.TELEMETRY, "observed_value", "observed_rate")
 OBSERVED, OBSERVED_RATE = len(drag_tracking.TELEMETRY), len(drag_tracking.TELEMETRY) + 1
 PHASES = drag_tracking.PHASES
+FIRST_PHASE = dict.fromkeys(TELEMETRY, drag_tracking.TRACKING)
 
 WATCH = RecordSpec(
     "drag_watch",

@@ -12,6 +12,7 @@ from flight_sw.types_ import Record
 
 TELEMETRY = drag_tracking.TELEMETRY
 PHASES = drag_tracking.PHASES
+FIRST_PHASE = drag_tracking.FIRST_PHASE
 
 DESIGN = RecordSpec("drag_state", Field("tracking", record=drag_tracking.DESIGN))
 STATE = RecordSpec("drag_state_state", Field("tracking", record=drag_tracking.STATE))

@@ -40,6 +40,9 @@ TELEMETRY = (
 )
 (DRAG_REF, DRAG_ERROR, DRAG_RATE, RATE_REF, RATE_MODEL, COS_WANTED, ENERGY, RANGE_ERROR) = range(8)
 
+FIRST_PHASE = dict.fromkeys(TELEMETRY, TRACKING)
+"""Telemetry that is not formed before a phase; the reference begins where tracking does."""
+
 DESIGN = RecordSpec(
     "drag_tracking",
     Field("reference", record=REFERENCE),
@@ -92,6 +95,8 @@ def _smooth_lift(design: Record, state: Record, nav: Record) -> None:
     if abs(modelled) < DRAG_MIN_MPS2:
         return
     ratio = nav["lift_mps2"] / abs(modelled)
+    if not math.isfinite(ratio):
+        return  # one that is no number would stay in the average for good
     if state["lift_started"] == 0:
         state["lift_started"] = 1
         state["lift_ratio"] = ratio

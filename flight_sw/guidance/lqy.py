@@ -21,6 +21,11 @@ GAIN_ROWS = 32
 TELEMETRY = (*nominal.TELEMETRY, "bank_correction_rad", "heat_flux_error_wpm2")
 BANK_CORRECTION, HEAT_FLUX_ERROR = len(nominal.TELEMETRY), len(nominal.TELEMETRY) + 1
 PHASES = nominal.PHASES
+FIRST_PHASE = {
+    **nominal.FIRST_PHASE,
+    "bank_correction_rad": nominal.HEAT_FLUX,
+    "heat_flux_error_wpm2": nominal.HEAT_FLUX,
+}
 
 Gains = tuple[float, float]
 

@@ -40,6 +40,9 @@ TELEMETRY = (
 )
 BANK_NOMINAL, GAMMA_CMD, FLOW_EXPONENT, CONSTANT_RATIO = 0, 1, 2, 3
 
+FIRST_PHASE = {"flight_path_angle_cmd_rad": HEAT_FLUX, "tracking_constant_ratio": HEAT_FLUX}
+"""Telemetry that is not formed before a phase."""
+
 DESIGN = RecordSpec(
     "nominal",
     Field("heat_flux_max_wpm2", 1e3, 1e9, "set point"),

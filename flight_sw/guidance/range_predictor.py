@@ -24,6 +24,7 @@ RATIO_MIN = 0.1  # of sensed to modelled drag: less is not believed
 TELEMETRY = (*drag_observer.TELEMETRY, "predicted_error_m", "cos_bank_shift")
 PREDICTED_ERROR, COS_SHIFT = len(drag_observer.TELEMETRY), len(drag_observer.TELEMETRY) + 1
 PHASES = drag_tracking.PHASES
+FIRST_PHASE = dict.fromkeys(TELEMETRY, drag_tracking.TRACKING)
 
 PREDICTOR = RecordSpec(
     "predictor",

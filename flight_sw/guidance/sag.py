@@ -34,6 +34,11 @@ TELEMETRY = (
     "drag_excess_ratio",
     "lift_excess_ratio",
 )
+FIRST_PHASE = {
+    **nominal.FIRST_PHASE,
+    "bank_adaptive_rad": nominal.HEAT_FLUX,
+    "adaptive_gain_ratio": nominal.HEAT_FLUX,
+}
 FIRST = len(nominal.TELEMETRY)
 BANK_ADAPTIVE, GAIN, HEAT_FLUX, RATE, DRAG_EXCESS, LIFT_EXCESS = range(FIRST, FIRST + 6)
 GAIN_TOLD_MAX = 60e3  # of the signal

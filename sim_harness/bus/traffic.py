@@ -17,6 +17,7 @@ from typing import Any
 from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, frames_dropped
 from flight_sw.can.crc import POSITIONS, counter_table, crc_table
+from flight_sw.can.error_frames import NO_ERRORS, Account
 from flight_sw.errors import BusError
 from sim_harness.bus.load_model import worst_frame_bits
 
@@ -95,9 +96,8 @@ class Traffic:
     """Everything heard since it was made, or since the last `restart`."""
 
     heard: dict[int, Heard] = field(default_factory=dict)
-    error_frames: int = 0
-    error_counters: tuple[int, int] = (0, 0)
-    """Of the interface's controller, sending and receiving, as last told."""
+    errors: Account = NO_ERRORS
+    """What the interface told of itself."""
     start_s: float = field(default_factory=time.monotonic)
 
     @property
@@ -119,8 +119,7 @@ class Traffic:
         """Account for one `struct can_frame`."""
         identifier, dlc, data = CAN_FRAME.unpack(packet)
         if identifier & ERROR_FLAG:
-            self.error_frames += 1
-            self.error_counters = (data[6], data[7])
+            self.errors = self.errors.plus(identifier, data)
             return
         extended = bool(identifier & EXTENDED_FLAG)
         mask = EXTENDED_MASK | EXTENDED_FLAG if extended else STANDARD_MASK
@@ -206,8 +205,10 @@ def traffic_as_json(
         "frames": traffic.frames,
         "frames_dropped": frames_dropped(bus),
         "foreign_frames": sum(h.frames for h in rows if not h.name),
-        "error_frames": traffic.error_frames,
-        "error_counters": list(traffic.error_counters),
+        "error_frames": traffic.errors.frames,
+        "bus_off": traffic.errors.bus_off,
+        "bus_errors": list(traffic.errors.words),
+        "error_counters": list(traffic.errors.counters),
         "bitrate_bps": bitrate_bps,
         "load_ratio": traffic.bits / elapsed_s / bitrate_bps,
         "messages": [heard_as_json(heard, elapsed_s) for heard in rows],

@@ -6,6 +6,7 @@ reader knows. Everything before its last whole chunk is good.
 """
 
 import contextlib
+import errno
 import os
 import struct
 import zlib
@@ -67,9 +68,14 @@ class Container:
         self._write(MAGIC + record_bytes(Header(profile, library)))
 
     def _write(self, data: bytes) -> None:
-        """Append; when that fails the file ends where it ended before."""
+        """Append; when that fails the file ends where it ended before.
+
+        A file that was removed takes everything without complaint, and keeps nothing.
+        """
         rest = memoryview(data)
         try:
+            if os.fstat(self._fd).st_nlink == 0:
+                raise FileNotFoundError(errno.ENOENT, "the file was removed")
             while rest:
                 rest = rest[os.write(self._fd, rest) :]
         except OSError:

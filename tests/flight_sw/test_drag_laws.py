@@ -96,19 +96,91 @@ def test_before_the_air_is_felt_the_nominal_bank_is_held(law: str) -> None:
     assert case.out["tracking"][0] == 1
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("field", ["drag_mps2", "v_rel_mps", "flight_path_angle_rad", "alt_m"])
-def test_a_fix_that_is_no_number_gives_no_command(law: str, field: str) -> None:
+CALM = {"flight_path_angle_rad": -0.0307}
+"""With row 300 a fix at which the bank is well between its ends, some 78 deg."""
+
+SENSED = ("drag_mps2", "lift_mps2")
+SEEN_THROUGH = ("drag-observer", "drag_mps2")
+FIELDS = (
+    *SENSED,
+    "v_rel_mps",
+    "alt_m",
+    "flight_path_angle_rad",
+    "heading_rad",
+    "lat_rad",
+    "lon_rad",
+)
+
+
+def banks_with(law: str, field: str | None) -> tuple[int, float, float, float]:
+    """A status and three banks: before a fix with a field that is no number, with it, and after.
+
+    None: that fix is not there at all. The fixes after it want another bank.
+    """
     case = Case(law)
-    nav = fix_near(case, 300)
-    for i in range(3):
+    if law == "range-predictor":
+        case.law["predictor"]["steps_count"] = 8
+    nav = fix_near(case, 300, **CALM)
+    code = status.OK
+    for i in range(20):
         case.step(**{**nav, "t_s": 0.02 * i})
-    before = float(case.out["bank_cmd_rad"][0])
-    case.step(**{**nav, "t_s": 0.06, field: math.nan})
-    after = float(case.out["bank_cmd_rad"][0])
-    assert math.isnan(after) or 0.0 <= after <= math.pi  # the limiter holds what is not finite
-    case.step(**{**nav, "t_s": 0.08})
-    assert case.out["bank_cmd_rad"][0] == pytest.approx(before, abs=0.2)
+    before = held = float(case.out["bank_cmd_rad"][0])
+    if field is not None:
+        code = case.step(**{**nav, "t_s": 0.4, field: math.nan})
+        held = float(case.out["bank_cmd_rad"][0])
+    felt = {name: factor * nav[name] for name, factor in zip(SENSED, (1.002, 0.8), strict=True)}
+    for i in range(21, 60):
+        case.step(**{**nav, **felt, "t_s": 0.02 * i})
+    return code, before, held, float(case.out["bank_cmd_rad"][0])
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_fix_that_is_no_number_holds_the_bank_and_leaves_nothing_behind(
+    law: str, field: str
+) -> None:
+    code, before, held, after = banks_with(law, field)
+    _, _, _, without = banks_with(law, None)
+    assert 0.3 < before < math.pi - 0.3
+    if law == "range-predictor" and field == "v_rel_mps":
+        assert math.isnan(held)  # which the limiter holds
+    elif law == "range-predictor":
+        assert abs(held - before) < 0.01  # it goes on to the shift asked for
+    else:
+        assert held == before
+        # longitude makes no control, sensed lift is an average, drag may be an estimate
+        used = field not in ("lon_rad", "lift_mps2") and (law, field) != SEEN_THROUGH
+        assert (code in (status.NONFINITE, status.DOMAIN)) == used
+    assert after == pytest.approx(without, abs=0.003)  # of a step less
+    assert abs(after - before) > 0.02
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("off_rad", [-0.1, 0.002, 0.1])
+def test_the_observers_model_is_that_of_the_bank_flown_whatever_its_sign(
+    sign: float, off_rad: float
+) -> None:
+    """The vehicle may report a bank to the left; the laws command a magnitude of it."""
+    case = Case("drag-observer")
+    case.law["watch"]["observes"] = 0
+    case.law["tracking"]["cos_bank_high"] = 0.25  # where the command stands here: more than flown
+    nav = fix_near(case, 300, **CALM)
+    case.step(**nav)
+    commanded = float(case.out["bank_cmd_rad"][0])
+    case.step(**{**nav, "t_s": 0.02, "bank_rad": sign * (commanded + off_rad)})
+    tracking = case.state[0]["tracking"]
+    reach = math.radians(20.0) * 0.02  # [limits.bank] of the design, over a step
+    wanted = float(case.out["bank_cmd_rad"][0])
+    flown = (
+        commanded
+        + off_rad
+        + math.copysign(min(abs(wanted - commanded - off_rad), reach), wanted - commanded - off_rad)
+    )
+    dynamics = tracking["dynamics"]
+    expected = dynamics["free_mps4"] + dynamics["authority_mps4"] * math.cos(flown)
+    assert case.state[0]["observer"]["value_accel"] == pytest.approx(
+        expected - tracking["accel_ref_mps4"], rel=1e-9
+    )
 
 
 def test_no_air_at_all_is_no_authority() -> None:

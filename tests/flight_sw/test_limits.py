@@ -154,6 +154,17 @@ def test_rate_acceleration_and_magnitude_hold_whatever_is_asked_for(targets: lis
     assert np.abs(np.diff(rates, prepend=0.0))[inside].max(initial=0.0) <= 40.0 * DT_S + 1e-9
 
 
+@pytest.mark.parametrize(("command", "rate", "stop"), [(1.99, 5.0, 2.0), (-0.99, -5.0, -1.0)])
+def test_an_axis_too_fast_to_stop_is_stopped_at_its_end(
+    command: float, rate: float, stop: float
+) -> None:
+    """No sequence of targets leads there; a memory that says so must not send it beyond."""
+    state = limiter(command, rate)
+    assert limit(0.5, DT_S, axis(-1.0, 2.0, 10.0, 1.0), state) == status.SATURATED
+    assert state["command_rad"] == stop
+    assert state["rate_radps"] == pytest.approx((stop - command) / DT_S, rel=1e-12)
+
+
 def test_limits_out_of_range_are_refused_by_name() -> None:
     record = axis(rate=0.0)
     with pytest.raises(LoadError, match=r"bank\.rate_max_radps is 0, allowed 1e-06 to 1e\+06"):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw import icd
+from flight_sw import guidance, icd
 from flight_sw.errors import LoadError
 from flight_sw.fields import Field, RecordSpec
 from flight_sw.load_image import (
@@ -23,9 +23,10 @@ from flight_sw.load_image import (
     read_image,
 )
 from tests.flight_sw.guidance_twin import values_of
-from tests.system.flights import LAWS, MISSION, built
+from tests.system.flights import ALL_LAWS, MISSION, any_built, built
 
 Path_ = tuple[str, ...]
+DRAG = ["TM_DRAG_A", "TM_DRAG_B", "TM_DRAG_C", "TM_DRAG_D"]
 
 
 def sealed(raw: bytes, **header: Any) -> bytes:
@@ -41,7 +42,7 @@ def sealed(raw: bytes, **header: Any) -> bytes:
 
 def image_with(law: str, change: Callable[[Any], None]) -> bytes:
     """The law's image with its body changed and a right CRC."""
-    raw = built(law).raw
+    raw = any_built(law).raw
     body = np.frombuffer(raw, body_spec(law).dtype, 1, HEADER.itemsize).copy()
     change(body[0])
     return sealed(raw[: HEADER.itemsize] + body.tobytes())
@@ -78,34 +79,43 @@ def refusal(raw: bytes) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("law", LAWS)
+def test_the_laws_of_these_tests_are_all_that_there_are() -> None:
+    assert sorted(ALL_LAWS) == sorted(guidance.LAWS)
+
+
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_a_good_image_is_read_back_as_it_was_made(law: str, tmp_path: Path) -> None:
-    made = built(law)
+    made = any_built(law)
     path = tmp_path / "good.load"
     path.write_bytes(made.raw)
     image = read_image(path)
-    assert (image.law, image.mission) == (law, MISSION)
-    assert image_bytes(law, MISSION, image.body) == made.raw
+    assert (image.law, image.mission) == (law, made.mission.name)
+    assert image_bytes(law, made.mission.name, image.body) == made.raw
     zeroed = made.raw[:100].replace(image.crc32.to_bytes(4, "little"), bytes(4))
     assert zlib.crc32(zeroed + made.raw[100:]) == image.crc32
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_the_active_load_is_read_only_and_carries_the_body(law: str) -> None:
-    load = activate(built(law).image)
+    image = any_built(law).image
+    load = activate(image)
     assert load.dtype == load_dtype(law)
     assert not load.flags.writeable
-    for name in built(law).image.body.dtype.names or ():
-        assert values_of(load[0])[name] == values_of(built(law).image.body[0])[name]
-    assert load["crc32"][0] == built(law).image.crc32
+    carried, own = values_of(load[0]), values_of(image.body[0])
+    for name in image.body.dtype.names or ():
+        assert carried[name] == own[name]
+    assert load["crc32"][0] == image.crc32
 
 
 @pytest.mark.parametrize(("law", "messages"), [
     ("nominal", ["TM_NOMINAL_A", "TM_NOMINAL_B"]),
     ("lqy", ["TM_LQY", "TM_NOMINAL_A", "TM_NOMINAL_B"]),
+    ("drag-state", DRAG),
+    ("drag-observer", [*DRAG, "TM_OBSERVED"]),
+    ("range-predictor", [*DRAG, "TM_OBSERVED", "TM_PREDICTED"]),
 ])  # fmt: skip
 def test_telemetry_messages_are_found_by_their_names(law: str, messages: list[str]) -> None:
-    wiring = activate(built(law).image)["wiring"][0]
+    wiring = activate(any_built(law).image)["wiring"][0]
     slots = wiring["slot"][: wiring["n_messages"]]
     assert sorted(icd.MESSAGES[slot] for slot in slots) == messages
     assert len({int(i) for i in wiring["value_index"] if i >= 0}) == 2 * len(messages)
@@ -135,9 +145,9 @@ def test_a_body_of_another_size_is_refused_even_if_the_header_agrees() -> None:
     assert "body of" in refusal(sealed(raw, size=len(raw) - HEADER.itemsize))
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_every_bit_of_the_header_matters(law: str) -> None:
-    raw = built(law).raw
+    raw = any_built(law).raw
     for bit in range(8 * HEADER.itemsize):
         wrong = bytearray(raw)
         wrong[bit // 8] ^= 1 << (bit % 8)
@@ -182,7 +192,7 @@ def bad_values(field: Field) -> list[float]:
     return [v for v in (field.low - 1, field.high + 1) if limits.min <= v <= limits.max]
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_every_field_is_refused_out_of_its_range_and_named(law: str) -> None:
     spec = body_spec(law)
     seen = 0
@@ -234,6 +244,59 @@ def test_numbers_that_contradict_each_other_are_refused(
 ) -> None:
     text = refusal(image_with("nominal", put(path, value, index)))
     assert re.search(rf"nominal\.{'.*' if len(path) > 1 else ''}{words}", text), text
+
+
+def atmosphere_of(body: Any) -> tuple[Any, float]:
+    """A body's atmosphere, and the height of its knots."""
+    air = body["atmosphere"]
+    return air, float(air["alt_m"][air["n"] - 1] - air["alt_m"][0])
+
+
+@pytest.mark.parametrize(("beyond", "words"), [(0.5e-6, ""), (2e-6, "buckets_pm is .*, allowed")])
+def test_buckets_span_the_whole_height_up_to_round_off(beyond: float, words: str) -> None:
+    """The last bucket may not begin above the last knot: a share of 1e-6 is round-off."""
+
+    def stretch(body: Any) -> None:
+        air, span_m = atmosphere_of(body)
+        air["buckets_pm"] = len(air["bucket"]) / span_m * (1.0 + beyond)
+        air["bucket"] = 0  # leads every bucket to the first knot, which is none of this test's
+
+    check(image_with("nominal", stretch), words)
+
+
+@pytest.mark.parametrize(("above", "words"), [(0.5e-6, ""), (2e-6, "whose knot lies above")])
+def test_a_bucket_leads_to_a_knot_at_or_below_it_up_to_round_off(above: float, words: str) -> None:
+    def lift(body: Any) -> None:
+        air, span_m = atmosphere_of(body)
+        air["bucket"] = 0
+        knot = 20
+        at = int(np.ceil((air["alt_m"][knot] - air["alt_m"][0]) * air["buckets_pm"]))
+        air["bucket"][at] = knot
+        air["alt_m"][knot] = air["alt_m"][0] + at / air["buckets_pm"] + above * span_m
+
+    check(image_with("nominal", lift), words)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("off", "words"), [(0.5e-9, ""), (2e-9, "guidance_dt_s is 0.02, allowed")])
+@pytest.mark.parametrize("divider", [1, 3])
+def test_a_guidance_step_is_whole_minor_frames_up_to_round_off(
+    divider: int, off: float, words: str, sign: float
+) -> None:
+    def shift(body: Any) -> None:
+        body["guidance_divider"] = divider
+        body["guidance_dt_s"] = divider * float(body["dt_s"]) * (1.0 + sign * off)
+
+    words = words.replace("0.02", f"{divider * 0.02:g}")
+    check(image_with("nominal", shift), words)
+
+
+def check(raw: bytes, words: str) -> None:
+    """An image is refused with these words, or read if there are none."""
+    if words:
+        assert re.search(words, refusal(raw))
+    else:
+        parse_image(raw, "x.load")
 
 
 def test_a_body_is_checked_before_it_becomes_an_image() -> None:

@@ -281,6 +281,31 @@ def test_a_vehicle_at_rest_is_no_case_for_the_law() -> None:
     assert case.memory["bank_rad"] == bank_rad
 
 
+@pytest.mark.parametrize(
+    ("gamma_rad", "bank_rad"), [(-0.05, 0.0), (0.05, math.pi)], ids=["too low", "too high"]
+)
+def test_without_lift_upwards_the_bank_goes_to_its_stop_and_says_so(
+    gamma_rad: float, bank_rad: float
+) -> None:
+    """An angle of attack of -20 deg lifts downwards: a cosine formed with it would turn about."""
+    case = steady()
+    case.design["alpha_after_peak_rad"] = math.radians(-20.0)
+    case.design["k_gamma_p_mps2prad"] = 1e4
+    for gain in ("k_flow_p_rad", "k_flow_d_heat_flux_rads"):
+        case.design[gain] = 0.0
+    assert case.step(flight_path_angle_rad=gamma_rad) == status.SATURATED
+    assert case.memory["forces"]["lift_mps2"] < -1.0
+    assert case.out["bank_cmd_rad"][0] == bank_rad
+
+
+@pytest.mark.parametrize("field", ["flight_path_angle_rad", "heading_rad", "lat_rad", "alt_m"])
+def test_a_fix_that_is_no_number_gives_no_bank_and_no_good_status(field: str) -> None:
+    case = steady()
+    assert case.step() == status.OK
+    assert case.step(**{field: math.nan}) != status.OK
+    assert math.isnan(case.out["bank_cmd_rad"][0])  # which the limiter holds
+
+
 def test_telemetry_reports_what_its_names_say() -> None:
     case = steady()
     case.step()

@@ -193,6 +193,30 @@ def test_missed_steps_are_coasted_on_the_model() -> None:
     assert watch["starts_count"] == 1
 
 
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("missed", [1, 3, 8])
+def test_the_last_measurement_is_held_a_period_then_the_model_makes_a_parabola(
+    hold: Any, missed: int
+) -> None:
+    """The newest belongs to the end of the gap: nothing of it may reach the estimate."""
+    eps_s, period_s, accel = 0.3, 0.1, 7.0
+    watch = Watch(Observer(eps_s=eps_s, l1=2.0, l2=1.0, hold=hold), period_s)
+    watch.step(3.0, accel)
+    watch.step(4.0, accel)
+    before = float(watch["value"]), float(watch["value_rate"])
+
+    def motion(_: float, s: np.ndarray) -> list[float]:
+        error = 4.0 - s[0]
+        return [s[1] + 2.0 / eps_s * error, accel + error / eps_s**2]
+
+    value, rate = solve_ivp(motion, (0.0, period_s), before, rtol=1e-11, atol=1e-12).y[:, -1]
+    watch.step(1e4, accel, after=1 + missed)
+    t_s = missed * period_s
+    assert watch["value"] == pytest.approx(value + rate * t_s + accel * t_s**2 / 2.0, rel=1e-8)
+    assert watch["value_rate"] == pytest.approx(rate + accel * t_s, rel=1e-8)
+    assert watch["measured"] == 1e4
+
+
 def test_after_a_long_gap_it_starts_afresh() -> None:
     watch = Watch(Observer(eps_s=EPS_S, l1=2.0, l2=1.0, coast_max_s=0.2))
     for measured in (1.0, 2.0, 3.0):
@@ -253,3 +277,39 @@ def test_a_damaged_design_is_refused(field: str, value: float, complaint: str) -
     design[field] = value
     with pytest.raises(LoadError, match=complaint):
         DESIGN.check(design[0], "observer")
+
+
+def balanced(transition: np.ndarray) -> Any:
+    """A design with this transition, which a constant measurement leaves at rest."""
+    design = np.zeros(1, DESIGN.dtype)
+    design["period_s"] = 0.5
+    (design["value_from_value"], design["value_from_rate_s"]) = transition[0]
+    (design["rate_from_value_1ps"], design["rate_from_rate"]) = transition[1]
+    design["value_from_measured"] = 1.0 - transition[0, 0]
+    design["rate_from_measured_1ps"] = -transition[1, 0]
+    return design[0]
+
+
+@pytest.mark.parametrize(
+    ("transition", "is_stable"),
+    [
+        ([[0.9, 0.5], [-0.02, 0.9]], True),  # a pair near 1
+        ([[-0.9, 0.5], [-0.02, -0.9]], True),  # and near -1
+        ([[0.5, 0.0], [0.0, -0.5]], True),
+        ([[0.0, 1.0], [-0.99, 0.0]], True),  # moduli of 0.995, on the imaginary axis
+        ([[0.0, 1.0], [-1.01, 0.0]], False),
+        ([[1.0, 0.5], [0.0, 0.5]], False),  # a pole at 1: it never comes to the measurement
+        ([[-1.0, 0.5], [0.0, 0.5]], False),
+        ([[0.99, 0.5], [-0.1, 0.99]], False),  # moduli of 1.015
+    ],
+)
+def test_an_observer_with_a_pole_on_or_beyond_the_unit_circle_is_refused(
+    transition: list[list[float]], is_stable: bool
+) -> None:
+    matrix = np.array(transition)
+    assert (np.abs(np.linalg.eigvals(matrix)).max() < 1.0) == is_stable
+    if is_stable:
+        DESIGN.check(balanced(matrix), "observer")
+    else:
+        with pytest.raises(LoadError, match="allowed poles inside 1"):
+            DESIGN.check(balanced(matrix), "observer")

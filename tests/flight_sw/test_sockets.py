@@ -112,21 +112,27 @@ def test_a_bus_that_takes_nothing_ends_the_wait_and_says_how_many_went(pair: Pai
     sent = send(pair[0], frames)
     waited_s = time.monotonic() - start_s
     assert 0 < sent < len(frames)
-    assert 0.9 <= waited_s < 3.0
+    assert 0.9 <= waited_s < 5.0  # a second each time that nothing goes, and that is once
     assert receive_all(pair[1], sent).tobytes() == frames[:sent].tobytes()
+
+
+def waits_s(end: socket.socket, timeout_ms: int) -> list[float]:
+    """How long some receptions of nothing took: a busy machine may hold up any of them."""
+    took_s = []
+    for _ in range(5):
+        start_s = time.monotonic()
+        assert receive(end, 8, timeout_ms)[0] == 0
+        took_s.append(time.monotonic() - start_s)
+    return took_s
 
 
 def test_no_waiting_with_a_timeout_of_zero(pair: Pair) -> None:
     receive(pair[1], 8)
-    start_s = time.monotonic()
-    assert receive(pair[1], 8)[0] == 0
-    assert time.monotonic() - start_s < 0.05
+    assert min(waits_s(pair[1], 0)) < 0.05
 
 
 def test_a_timeout_is_kept(pair: Pair) -> None:
-    start_s = time.monotonic()
-    assert receive(pair[1], 8, 60)[0] == 0
-    assert 0.06 <= time.monotonic() - start_s < 0.5
+    assert 0.06 <= min(waits_s(pair[1], 60)) < 0.5
 
 
 def test_a_frame_ends_the_wait(pair: Pair) -> None:

@@ -41,6 +41,9 @@ LAWS = ("nominal", "lqy", "sag", "integrated")
 FLOWN = ("lqy", "integrated")
 """Laws for tests that compile a loop each: between them they hold the kernels of all four."""
 
+MARS_LAWS = ("drag-state", "drag-observer", "range-predictor")
+ALL_LAWS = (*LAWS, *MARS_LAWS)
+
 PIECES: dict[str, dict[str, float | str]] = {
     "entry": {},
     "minute": {"end.time_max_s": 60.0},
@@ -64,6 +67,14 @@ PIECES: dict[str, dict[str, float | str]] = {
     },
 }
 """Entry states: overrides of the mission."""
+
+DRAG_FELT: dict[str, float | str] = {
+    "entry.altitude_km": 70.37,
+    "entry.speed_mps": 6767.6,
+    "entry.flight_path_angle_deg": -11.48,
+    "entry.longitude_deg": 3.975,
+}
+"""The lander of Mars a second before its drag starts the tracking."""
 
 FSW = icd.NODES.index("FSW")
 NAV_FRAMES = 7  # a navigation set: six messages and the time
@@ -95,6 +106,27 @@ def built(law: str, piece: str = "entry", heat_flux_max_kwpm2: float = 1700.0) -
     raw = image_bytes(law, MISSION, fill_body(law, design(), mission).body)
     image = parse_image(raw, law)
     return Built(mission, law, raw, image, activate(image))
+
+
+@functools.cache
+def shipped(law: str, mission: str = "mars-lander", seconds: float = 0.0) -> Built:
+    """A mission with its committed load; for so many seconds from `DRAG_FELT`, or from entry."""
+    overrides = {**DRAG_FELT, "end.time_max_s": seconds} if seconds else {}
+    flown = load_mission(mission, overrides)
+    raw = (flown.gains_folder / f"{law}.load").read_bytes()
+    image = parse_image(raw, law)
+    return Built(flown, law, raw, image, activate(image))
+
+
+def any_built(law: str, seconds: float = 0.0) -> Built:
+    """A mission and load of any law: the whole flight, or some seconds with its law at work."""
+    if law in MARS_LAWS:
+        return shipped(law, seconds=seconds)
+    if not seconds:
+        return built(law)
+    made = built(law, "tracking")
+    end = made.mission.end.model_copy(update={"time_max_s": seconds})
+    return made._replace(mission=made.mission.model_copy(update={"end": end}))
 
 
 def run_of(made: Built, path: Path, bus: str = "memory", **plan: Any) -> FlightRun:

@@ -1,4 +1,5 @@
-"""The same bits, whatever the computer runs as: compiled, interpreted, continued, over a bus."""
+"""The same bits, whatever the computer runs as: compiled, interpreted, continued, over a bus,
+replayed."""
 
 import json
 import os
@@ -11,26 +12,43 @@ import pytest
 
 from sim_harness.bus_flight import fly_bus
 from sim_harness.flight import FlightRun, fly_memory
+from sim_harness.replay.replayer import Replayer
+from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import (
+    ALL_LAWS,
     FLOWN,
+    MARS_LAWS,
     PIECES,
     ROOT,
     Built,
     Computer,
     World,
+    any_built,
     built,
     commands,
     run_of,
     sha256,
+    shipped,
 )
+from tools.commands.fly import fly_and_record
 
 CYCLES = 150
+FELT_S = 6.0
 PROCESS_TIMEOUT_S = 300.0
+
+
+MARS_PIECE = "drag felt"
+
+
+def piece_of(law: str, piece: str) -> Built:
+    """A piece of Hyperion-1, or the one of Mars, the first second of which the law waits in."""
+    return shipped(law, seconds=FELT_S) if piece == MARS_PIECE else built(law, piece)
 
 
 def fingerprint(law: str, piece: str) -> dict[str, str]:
     """Hashes over frames, truth and final state of a piece flown in memory."""
-    world, computer = World(built(law, piece), CYCLES), Computer(built(law, piece))
+    made = piece_of(law, piece)
+    world, computer = World(made, CYCLES), Computer(made)
     world.fly(computer, CYCLES)
     return {
         "frames": sha256(world.frames),
@@ -42,7 +60,9 @@ def fingerprint(law: str, piece: str) -> dict[str, str]:
 def all_fingerprints() -> dict[str, dict[str, str]]:
     """Of every law and piece."""
     pieces = [piece for piece in PIECES if piece != "minute"]
-    return {f"{law} {piece}": fingerprint(law, piece) for law in FLOWN for piece in pieces}
+    flown = [(law, piece) for law in FLOWN for piece in pieces]
+    flown += [(law, MARS_PIECE) for law in MARS_LAWS]
+    return {f"{law} {piece}": fingerprint(law, piece) for law, piece in flown}
 
 
 @pytest.mark.jit_only
@@ -60,21 +80,37 @@ def test_interpreted_and_compiled_code_give_the_same_bits() -> None:
     assert json.loads(interpreted.stdout) == all_fingerprints()
 
 
-@pytest.mark.parametrize("law", FLOWN)
-def test_two_flights_are_the_same(law: str) -> None:
-    assert fingerprint(law, "tracking") == fingerprint(law, "tracking")
+CONTINUED = [(law, piece) for law in FLOWN for piece in ("peak", "hand-over")]
+CONTINUED += [(law, MARS_PIECE) for law in MARS_LAWS]
 
 
-@pytest.mark.parametrize("law", FLOWN)
-@pytest.mark.parametrize("piece", ["peak", "hand-over"])
+@pytest.mark.parametrize(
+    ("law", "piece"), [*((law, "tracking") for law in FLOWN), *CONTINUED[-len(MARS_LAWS) :]]
+)
+def test_two_flights_are_the_same(law: str, piece: str) -> None:
+    assert fingerprint(law, piece) == fingerprint(law, piece)
+
+
+@pytest.mark.parametrize("law", MARS_LAWS)
+def test_the_piece_of_mars_begins_before_its_law_and_ends_within_it(law: str) -> None:
+    made = piece_of(law, MARS_PIECE)
+    world, computer = World(made, CYCLES), Computer(made)
+    world.fly(computer, 1)
+    assert computer.state["guidance"]["tracking"][0] == 0
+    world.fly(computer, CYCLES - 1)
+    assert computer.state["guidance"]["tracking"][0] == 1
+
+
+@pytest.mark.parametrize(("law", "piece"), CONTINUED)
 def test_a_flight_continued_from_its_bytes_goes_on_the_same(law: str, piece: str) -> None:
-    whole, computer = World(built(law, piece), CYCLES), Computer(built(law, piece))
+    made = piece_of(law, piece)
+    whole, computer = World(made, CYCLES), Computer(made)
     whole.fly(computer, CYCLES // 3)
     at = len(whole.frames)
     kept = whole.harness.tobytes(), computer.state.tobytes()
     whole.fly(computer, CYCLES - CYCLES // 3)
 
-    part, other = World(built(law, piece), CYCLES), Computer(built(law, piece), armed=False)
+    part, other = World(made, CYCLES), Computer(made, armed=False)
     part.harness = np.frombuffer(bytearray(kept[0]), part.harness.dtype)
     other.state = np.frombuffer(bytearray(kept[1]), other.state.dtype)
     part.fly(other, CYCLES - CYCLES // 3)
@@ -110,3 +146,19 @@ def test_two_processes_on_a_bus_fly_what_one_flies_in_memory(
     assert refused == {}
     assert over_bus.computer["cycles"] == memory.harness["truth"]["minor_frames"][0]
     assert over_bus.computer["incomplete_sets"] == 0
+
+
+@pytest.mark.jit_only
+@pytest.mark.parametrize("law", ALL_LAWS)
+def test_memory_two_processes_and_their_replay_agree_for_every_law(
+    law: str, tmp_path: Path
+) -> None:
+    made = any_built(law, FELT_S)
+    memory = flown_over("memory", made, tmp_path)
+    over_bus = run_of(made, tmp_path / f"{law}.load", "unix")
+    assert fly_and_record(over_bus, tmp_path) == ""
+    found = Replayer(open_recording(tmp_path / "flight.mcap")).run()
+    assert over_bus.command_sha256 == memory.command_sha256
+    assert found.is_identical, found.difference
+    assert found.cycles == round(FELT_S / made.mission.dt_s)
+    assert over_bus.harness["truth"][0]["v_rel_mps"] == memory.harness["truth"][0]["v_rel_mps"]

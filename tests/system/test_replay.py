@@ -17,7 +17,7 @@ from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import MISSION, Computer, built, cantools_values, commands
 from tests.system.paced import piece
 from tests.system.replays import DT_S, Bench, fly, record, replay, resealed
-from tools.cli import app
+from tools.cli import application
 
 pytestmark = pytest.mark.jit_only
 
@@ -33,7 +33,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(*arguments: str | Path) -> Result:
     """One command."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(application(), [str(argument) for argument in arguments])
 
 
 def test_a_flight_in_memory_replays_to_the_bit(flown: Path) -> None:

@@ -100,6 +100,19 @@ def test_a_harness_slips_as_often_as_its_machine_stalled_and_no_more(
     assert flown.run.harness["truth"].tobytes() == memory.harness["truth"].tobytes()
 
 
+@pytest.mark.parametrize(
+    ("count", "wrong"), [("slips", CYCLES), ("slips", 1), ("late_commands", 1), ("frames", 1)]
+)
+def test_an_account_that_its_histograms_do_not_show_is_refused(
+    count: str, wrong: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = Pacer(tmp_path, monkeypatch, 0.9)
+    check_account(flown.run)
+    flown.run.pacer[count] += wrong
+    with pytest.raises(AssertionError):
+        check_account(flown.run)
+
+
 class Served:
     """A flight computer's loop that hears navigation punctually within a simulated machine."""
 

@@ -23,6 +23,7 @@ from sim_harness.bus.traffic import CAN_FRAME, Traffic
 from tests.sim_harness.recordings import one_message
 from tools import can_interface
 from tools.commands.bus import app
+from tools.monitor import values_text
 
 RUN = CliRunner()
 POSITION = {"lon_rad": 1.5, "lat_rad": -0.25}
@@ -75,7 +76,7 @@ def test_traffic_counts_what_a_receiver_would_refuse() -> None:
     assert (ours.frames, ours.wrong_crc, ours.wrong_length, ours.sequence_breaks) == (4, 1, 1, 1)
     assert ours.values() == pytest.approx(POSITION, abs=1e-7)
     assert (foreign.name, foreign.data, foreign.errors) == ("", b"\0\0", 0)
-    assert (traffic.frames, traffic.error_frames, traffic.error_counters) == (5, 1, (96, 7))
+    assert (traffic.frames, traffic.errors.frames, traffic.errors.counters) == (5, 1, (96, 7))
     assert traffic.bits == 3 * 135 + 125 + 75  # 55 + 10n [DAVIS07]
 
 
@@ -246,3 +247,24 @@ def test_a_unix_socket_drops_nothing() -> None:
     assert [address.frames_dropped(end) for end in ends] == [0, 0]
     for end in ends:
         end.close()
+
+
+def test_a_checksum_is_shown_as_its_bytes_and_no_value_with_an_exponent() -> None:
+    traffic = Traffic()
+    traffic.take(packets("FSW_BOOT", 1, {"load_crc32": 0x8F00C2AB, "state": 1})[0])
+    shown = values_text(next(iter(traffic.heard.values())))
+    assert "load_crc32 0x8f00c2ab" in shown and "state READY" in shown
+    traffic.take(packets("NAV_POSITION", 1, POSITION)[0])
+    assert "e-" not in values_text(traffic.heard[0x020])
+
+
+def test_the_monitor_tells_error_frames_in_words(hub: Hub) -> None:
+    frames = [CAN_FRAME.pack(0x20000060, 8, bytes((0, 0, 0, 0, 0, 0, 255, 7)))]
+    with sending(hub, frames, rate_hz=50.0):
+        arguments = ["monitor", f"unix:{hub.path}", "--seconds", "1"]
+        table = RUN.invoke(app, arguments, env={"COLUMNS": "160"})
+        told = json.loads(RUN.invoke(app, [*arguments, "--json"]).stdout)
+    words = " ".join(table.stdout.split())
+    assert "bus off, no acknowledgement; counters 255 sending, 7 receiving" in words
+    assert told["bus_errors"] == ["bus off", "no acknowledgement"]
+    assert told["error_frames"] == told["bus_off"] > 0

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from flight_sw.errors import FlightError, MissionError
 from sim_harness.mission import find, load_mission
-from sim_harness.outcomes import outcome_class
+from sim_harness.outcomes import limits_exceeded, outcome_class
 from tools.campaign.engine import run_campaign
 from tools.campaign.job import Flyer, Run, job_of
 from tools.campaign.plan import Wanted, decoded, encoded, plan_of
-from tools.cli import app
+from tools.cli import application
 
 pytestmark = pytest.mark.jit_only
 
@@ -47,7 +47,7 @@ def own(tmp_path):
 
 
 def aeroshell(*arguments: str):
-    return CliRunner().invoke(app, list(arguments))
+    return CliRunner().invoke(application(), list(arguments))
 
 
 def test_a_run_flies_the_records_of_a_mission_loaded_with_its_overrides():
@@ -117,6 +117,22 @@ def test_a_flight_that_goes_numerically_wrong_is_kept_and_the_others_go_on(own, 
     # Whatever such a flight tells of itself, it has not kept a requirement.
     for requirement in flown.manifest["verdict"]["requirements"]:
         assert requirement["failures"] >= classes.count("numerical")
+
+
+@pytest.mark.parametrize(
+    ("ratios", "exceeded"),
+    [
+        ((1.0, 1.0, 1.0), ""),
+        ((None, None, None), ""),
+        ((1.5, 1.0, None), "heat flux"),
+        ((1.0, 1.5, 1.5), "load factor, dynamic pressure"),
+        ((math.nan, 0.1, 0.1), "heat flux"),
+    ],
+)
+def test_a_flight_names_the_limits_it_exceeded(ratios, exceeded):
+    keys = ("heat_flux_max_ratio", "load_factor_max_ratio", "dynamic_pressure_max_ratio")
+    facts = dict(zip(keys, ratios, strict=True))
+    assert limits_exceeded(facts, load_mission("hyperion-1").judgement) == exceeded
 
 
 def test_a_state_that_is_not_a_number_is_numerical():

@@ -35,6 +35,12 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
     ("arguments", "words"),
     [
         (["fly", "hyperion-2"], ['mission "hyperion-2" is not shipped', "nearest is hyperion-1"]),
+        (
+            ["fly", "mars-lander", "--set", "lead_s=1"],
+            ["lead_s: no table [lqy]", "drag-state,"],
+        ),
+        (["fly", "mars-lander", "--set", "design.sag.x=1"], ["design.sag.x is not a known key"]),
+        (["fly", "hyperion-1", "--set", "k=1"], ["k is not a known key"]),
         (["fly", "hyperion-1", "--law", "lqx"], ["law 'lqx'", "nearest is lqy", "nominal, lqy"]),
         (
             ["fly", "hyperion-1", "--set", "heat_flux_max=1700"],

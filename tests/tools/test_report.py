@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.stats import beta
 
-from tests.tools.made_campaigns import BOUND, GAMMA, MASS, make
+from tests.tools.made_campaigns import BOTH, BOUND, GAMMA, MASS, make
 from tests.tools.pages import Page, number
 from tools.cli import main
 
@@ -44,6 +44,28 @@ def test_the_file_is_whole_by_itself_and_small(page):
     for picture in page.pictures:
         assert ElementTree.fromstring(picture).tag.endswith("svg")
         assert not re.search(rb'href="(?!#|data:)', picture)
+
+
+def test_the_keys_set_for_every_flight_are_told(page):
+    rows = page.tables["What was flown"]
+    assert ["end.speed_mps", "2400", "m/s"] in rows
+    assert ["design.lqy.lead_s", "12.5", "s"] in rows
+
+
+def test_flights_that_exceeded_limits_are_told_by_limit(page, results):
+    flux = results["heat_flux_max_ratio"]
+    classes = {row[0]: row[1] for row in page.tables["Outcome classes"]}
+    beyond, both = f"{(flux > BOUND).sum():,}", f"{(flux > BOTH).sum():,}"
+    assert classes["limit exceeded"] == classes["by its heat flux"] == beyond
+    assert classes["by its load factor"] == both
+    assert "by its dynamic pressure" not in classes
+    (worst,) = [row for row in page.tables["Worst cases"] if row[0].startswith("flux within")]
+    assert worst[5] == "limit exceeded: heat flux, load factor"
+
+
+def test_no_cell_holds_a_negative_zero(page):
+    cells = [cell for rows in page.tables.values() for row in rows for cell in row]
+    assert not [cell for cell in cells if re.fullmatch(r"-0(\.0*)?( %)?", cell)]
 
 
 def test_texts_of_a_mission_are_no_markup(page):

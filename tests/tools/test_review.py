@@ -146,7 +146,30 @@ def test_every_telemetered_signal_has_its_line(one: Review) -> None:
         "bank_nominal", "flight_path_angle_commanded", "flow_exponent", "tracking_constant_ratio",
         "bank_correction", "heat_flux_error", "flown",
     }  # fmt: skip
-    assert all(len(one.line(path)[0]) == 10 * CUT_S for path in paths)
+
+
+def test_telemetry_is_drawn_from_when_its_law_forms_it(one: Review) -> None:
+    """In mode ENTRY, what belongs to tracking from its phase on: times as the log has them."""
+    since = dict(zip(
+        [text for (text,) in one.content["/log/one"]["TextLog:text"]],  # type: ignore[misc]
+        np.array(one.content["/log/one"]["mission_time"], float) / 1e9, strict=True,
+    ))  # fmt: skip
+    entry_s = since["mode ENTRY, was COAST"]
+    tracking_s = since["guidance phase heat-flux, was post-peak"]
+    begun = {
+        path.rsplit("/", 1)[-1]: one.line(path)[0][0]
+        for path in one.content
+        if path.startswith("/guidance/")
+    }
+    assert begun.pop("flown") == 0.0
+    for name in ("bank_nominal", "flow_exponent"):
+        assert entry_s <= begun.pop(name) < entry_s + 0.1
+    assert set(begun) == {
+        "flight_path_angle_commanded", "tracking_constant_ratio", "bank_correction",
+        "heat_flux_error",
+    }  # fmt: skip
+    for begun_s in begun.values():
+        assert tracking_s <= begun_s < tracking_s + 0.1
 
 
 def test_the_corridor_is_drawn_and_a_second_limit_beside_it(both: Review) -> None:

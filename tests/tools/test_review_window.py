@@ -11,6 +11,7 @@ from rerun.chunk import RrdReader
 
 from tests.tools.test_review import Review, Told, run
 from tools.review import viewer
+from tools.spans import LEAST_SPAN
 
 pytestmark = pytest.mark.jit_only
 
@@ -70,6 +71,40 @@ def test_counts_and_loads_of_the_bus_are_drawn_from_zero(layout: Layout) -> None
         low, top = layout[origin]["ScalarAxis:range"]
         assert low == 0.0
         assert top > high
+
+
+def test_the_plot_of_refusals_shows_no_frame_that_was_heard(
+    flight: Path, tmp_path: Path, layout: Layout
+) -> None:
+    assert run("review", str(flight), "--save", str(tmp_path / "x.rrd"))[0] == 0
+    content = Review(tmp_path / "x.rrd").content
+    counters = {path.rsplit("/", 1)[-1] for path in content if path.startswith("/bus/refused/")}
+    assert counters == {
+        "wrong_crc", "repeated", "wrong_sequence", "wrong_length", "out_of_range", "implausible",
+        "unknown_id", "incomplete_sets", "lost", "foreign",
+    }  # fmt: skip
+    assert layout["/bus/refused"]["ScalarAxis:range"][1] < 2.0  # none was refused
+
+
+def test_an_axis_does_not_show_round_off(tmp_path: Path) -> None:
+    """Over Mars at rest along the equator, crossrange and heading do not change."""
+    folder = tmp_path / "mars"
+    run("fly", "mars-lander", "--bus", "memory", "--set", "time_max_s=3", "--out", str(folder))
+    layout = laid_out(folder, out=tmp_path / "x.rrd")
+    low, high = layout["/plots/crossrange_to_go"]["ScalarAxis:range"]
+    assert (low, high) == (-LEAST_SPAN["km"], LEAST_SPAN["km"])
+    low, high = layout["/plots/heading"]["ScalarAxis:range"]
+    assert (low, high) == pytest.approx((90.0 - LEAST_SPAN["deg"], 90.0 + LEAST_SPAN["deg"]))
+
+
+def test_a_law_that_waits_draws_nothing(tmp_path: Path) -> None:
+    folder = tmp_path / "mars"
+    run("fly", "mars-lander", "--bus", "memory", "--set", "time_max_s=3", "--out", str(folder))
+    assert run("review", str(folder), "--save", str(tmp_path / "x.rrd"))[0] == 0
+    content = Review(tmp_path / "x.rrd").content
+    told = [path for path, columns in content.items() if "Scalars:scalars" in columns]
+    assert any(path.startswith("/plots/") for path in told)
+    assert not any(path.startswith("/guidance/") for path in told)
 
 
 def test_a_line_alone_goes_by_the_title_and_lines_together_by_a_legend(
@@ -148,3 +183,34 @@ def test_an_interrupt_while_the_window_opens_takes_the_viewer_along(
     monkeypatch.setattr(viewer, "_await_loaded", interrupt)
     assert opened(0, 60.0)[0] == 130
     assert started[0].poll() is not None
+
+
+def test_a_viewer_that_says_nothing_is_told_and_tried_once_more(
+    opened: Callable[[int, float], Told], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the connection and never answers: Rerun's client would wait without limit."""
+    started: list[Any] = []
+    start = viewer.start
+
+    def counted(*arguments: Any) -> Any:
+        started.append(start(*arguments))
+        return started[-1]
+
+    monkeypatch.setattr(viewer, "start", counted)
+    monkeypatch.setattr(viewer, "LOAD_S", 0.5)
+    status, out, told = opened(0, 60.0)
+    assert (status, out, len(started)) == (1, "", 2)
+    assert all(process.poll() is not None for process in started)
+    late = "the Rerun viewer did not answer within 0.5 s"
+    assert told == f"{late}; trying once more\naeroshell: {late}\n"
+
+
+def test_a_viewer_that_is_late_once_is_used_the_second_time() -> None:
+    attempts = iter((viewer.LateError("late"), None))
+
+    def attempt() -> str:
+        if error := next(attempts):
+            raise error
+        return "shown"
+
+    assert viewer.again_if_late(attempt) == "shown"

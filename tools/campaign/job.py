@@ -6,6 +6,7 @@ A `Job` holds no path that must be read: it travels to another machine as it is.
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError, MissionError
@@ -55,6 +56,8 @@ class Job(NamedTuple):
     law: str
     load_image: bytes
     load_file: str
+    settings: Mapping[str, str] = MappingProxyType({})
+    """What was set for every run, by full names; `design.` before those of the gain design."""
 
 
 class Run(NamedTuple):
@@ -110,6 +113,7 @@ def job_of(
         law=prepared.law,
         load_image=prepared.load_image,
         load_file=str(prepared.load_path),
+        settings=world | {DESIGN_PREFIX + key: value for key, value in changes.items()},
     )
     return job, prepared
 

@@ -48,6 +48,8 @@ class Plan(NamedTuple):
     requirements: list[Requirement]
     title: str
     command: str
+    fixed: Mapping[str, float | str]
+    """What was set for every run, by the command or by the set."""
 
     @property
     def n(self) -> int:
@@ -129,7 +131,7 @@ def check_extremes(
                     flyer.mission({key: value}, Path(job.mission_file).name)
             except AeroshellError as error:
                 raise MissionError(
-                    f"{where}.{key} reaches {value:.12g}, which is refused: {error}"
+                    f"{where}.{key} reaches {value:z.12g}, which is refused: {error}"
                 ) from None
 
 
@@ -147,14 +149,15 @@ def plan_of(wanted: Wanted) -> Plan:
     both = told_to_both(dispersions)
     if both and not job.design_tree:
         raise FlightError(f"{where} tells the computer of {', '.join(both)}: not with --load")
-    job = with_fixed(job, fixed(dispersions), both)
+    always = fixed(dispersions)
+    job = with_fixed(job, always, both)
     present = present_values(job, dispersions.keys)
     check_extremes(job, dispersions, present, where)
     samples = draw(dispersions, present, wanted.n, wanted.seed, where)
     varying_both = tuple(key for key in both if key in samples.keys)
     return Plan(
         job, samples, varying_both, identity_of(wanted, job, mission, samples, varying_both),
-        mission.requirements, mission.title, command_of(wanted),
+        mission.requirements, mission.title, command_of(wanted), {**job.settings, **always},
     )  # fmt: skip
 
 

@@ -5,6 +5,8 @@ campaign has lost nothing but flights in the air. When all are flown the lines b
 `results.parquet`, sorted by run, and the journal goes.
 """
 
+import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -104,6 +106,7 @@ class Store:
             "version": version("aeroshell"),
             "requirements": [r.model_dump() for r in plan.requirements],
             "told_to_both": list(plan.told_to_both),
+            "fixed": dict(plan.fixed),
             "job": encoded(
                 {
                     "mission_tree": job.mission_tree,
@@ -159,12 +162,29 @@ class Store:
 
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished flight: after this call it survives the process."""
-        self._spool.add(row["run"], row.pop(KEY, None))
-        self._journal.seek(0, os.SEEK_END)
-        offset = self._journal.tell()
-        self._journal.write((json.dumps(row) + "\n").encode())
-        self._journal.flush()
+        try:
+            self._spool.add(row["run"], row.pop(KEY, None))
+            offset = os.fstat(self._journal.fileno()).st_size
+            self._append((json.dumps(row) + "\n").encode(), offset)
+        except OSError as error:
+            raise FlightError(
+                f"{self.folder / JOURNAL}: cannot be written ({error.strerror}); what was flown "
+                "and could be kept is kept, the same command goes on with it"
+            ) from error
         self._count(row, offset)
+
+    def _append(self, line: bytes, offset: int) -> None:
+        """Append a whole line or none; a file that was removed would take it and keep nothing."""
+        file = self._journal.fileno()
+        if os.fstat(file).st_nlink == 0:
+            raise FileNotFoundError(errno.ENOENT, "the file was removed")
+        try:
+            if os.write(file, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.truncate(file, offset)
+            raise
 
     def _rows(self) -> Iterator[dict[str, Any]]:
         for offset in self.offsets:

@@ -1,11 +1,14 @@
 """How a campaign is shown on a terminal: what its flights spread over, and what they show."""
 
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from rich.table import Table
 
+from sim_harness.outcomes import LIMIT_EXCEEDED, TOGETHER
 from tools.show import ROWS
 
 if TYPE_CHECKING:
@@ -13,15 +16,11 @@ if TYPE_CHECKING:
 
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 HEADS = ("least", "5 %", "median", "95 %", "most")
-MORE_ROWS = (
-    ("downrange error", "downrange_error_km", "km"),
-    ("altitude error", "altitude_error_km", "km"),
-)
 
 
 def shown(value: float) -> str:
     """A number to the digits that matter in a table of many."""
-    return f"{value:,.2f}" if abs(value) < 100.0 else f"{value:,.0f}"
+    return f"{value:z,.2f}" if abs(value) < 100.0 else f"{value:z,.0f}"
 
 
 def distribution_table(flown: "Campaign") -> Table:
@@ -33,7 +32,7 @@ def distribution_table(flown: "Campaign") -> Table:
     for head in HEADS:
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("unit")
-    for label, key, unit in (*ROWS, *MORE_ROWS):
+    for label, key, unit in ROWS:
         if key not in flown.results.column_names:
             continue
         values = flown.results[key].cast(pa.float64()).to_numpy()
@@ -42,6 +41,17 @@ def distribution_table(flown: "Campaign") -> Table:
             cells = np.quantile(values, QUANTILES, method="inverted_cdf")
             table.add_row(label, *(shown(value) for value in cells), unit)
     return table
+
+
+def limits_of(flown: "Campaign", name: str) -> str:
+    """After the class of flights that exceeded a limit: how many exceeded which."""
+    if name != LIMIT_EXCEEDED or "limits_exceeded" not in flown.results.column_names:
+        return ""
+    rows = flown.results.filter(pc.equal(flown.results["outcome_class"], name))
+    found = [
+        limit for text in rows["limits_exceeded"].to_pylist() for limit in text.split(TOGETHER)
+    ]
+    return f" ({', '.join(f'{n:,} {limit}' for limit, n in Counter(found).items())})"
 
 
 def requirement_table(requirements: list[dict[str, Any]]) -> Table:
@@ -60,9 +70,9 @@ def requirement_table(requirements: list[dict[str, Any]]) -> Table:
         table.add_row(
             told["title"],
             f"{told['failures']:,} of {told['flights']:,}",
-            f"{told['shown_probability']:.5f}",
-            f"{told['probability']:.5f}",
+            f"{told['shown_probability']:z.5f}",
+            f"{told['probability']:z.5f}",
             str(told["worst_run"]),
-            f"{verdict} (at {told['confidence']:.0%})",
+            f"{verdict} (at {told['confidence']:z.0%})",
         )
     return table

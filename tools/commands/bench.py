@@ -1,11 +1,12 @@
 """`aeroshell bench`: what this machine reaches."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.latency import Latency
@@ -46,12 +47,12 @@ def latency(
     found = []
     for row in measure(seconds, bus):
         found.append(row)
-        sys.stderr.write(f"{row.bus}, {row.traffic}: {row.sets} sets\n")
+        say(f"{row.bus}, {row.traffic}: {row.sets} sets")
     found += elsewhere
     if as_json:
-        print(json.dumps(as_object(found, seconds), indent=1))
+        tell(json.dumps(as_object(found, seconds), indent=1))
     else:
-        print(table(found))
+        tell(table(found))
     if readme is not None:
         readme.write_text(replaced(readme, table(found)), encoding="utf-8")
 
@@ -84,8 +85,8 @@ def table(found: "list[Latency]") -> str:
         "| --- | --- |" + " ---: |" * (len(PERCENTILES) + 2),
     ]  # fmt: skip
     for row in found:
-        traffic = f"{row.foreign_rate_hz:,.0f} frames/s" if row.foreign_rate_hz else "none"
-        cells = [f"{row.round_trip_us[key]:,.1f}" for key in PERCENTILES]
+        traffic = f"{row.foreign_rate_hz:z,.0f} frames/s" if row.foreign_rate_hz else "none"
+        cells = [f"{row.round_trip_us[key]:z,.1f}" for key in PERCENTILES]
         cells += [f"{row.sets:,}", f"{row.late_commands:,}"]
         lines.append(f"| {row.bus} | {traffic} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

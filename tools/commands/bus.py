@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,14 +11,15 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from flight_sw.can.address import open_bus
+from flight_sw.streams import say, tell
 from sim_harness.bus.hub import Hub, HubStats
 from sim_harness.bus.load_model import BITRATE_BPS, LOAD_LIMIT, BusLoad, bus_load
 from sim_harness.bus.traffic import Traffic, listen, traffic_as_json
 from tools.can_interface import check_name, commands_to_run, is_up, raise_interface
+from tools.console import show
 from tools.monitor import comparison_table, show_live
 
 REFUSED = 1
@@ -50,16 +50,12 @@ def _end_signals() -> Iterator[threading.Event]:
 
 
 def _print_statistics(stats: HubStats) -> None:
-    print(f"clients connected  {stats.connections}")
-    print(f"frames received    {stats.frames_received}")
-    print(f"frames delivered   {stats.frames_sent}")
-    print(f"frames dropped     {stats.frames_dropped}  (a client did not read)")
-    print(f"packets refused    {stats.packets_refused}  (not of 16 bytes)")
-    print(f"clients refused    {stats.clients_refused}  (of other users, or one too many)")
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    tell(f"clients connected  {stats.connections}")
+    tell(f"frames received    {stats.frames_received}")
+    tell(f"frames delivered   {stats.frames_sent}")
+    tell(f"frames dropped     {stats.frames_dropped}  (a client did not read)")
+    tell(f"packets refused    {stats.packets_refused}  (not of 16 bytes)")
+    tell(f"clients refused    {stats.clients_refused}  (of other users, or one too many)")
 
 
 @app.command()
@@ -71,8 +67,8 @@ def hub(
     ] = True,
 ) -> None:
     """Run a bus on PATH until Ctrl-C or SIGTERM, then print what it moved."""
-    with _end_signals() as over, Hub(path, prompt=prompt, tell=_tell) as running:
-        print(f"bus on {path}, Ctrl-C ends it", file=sys.stderr, flush=True)
+    with _end_signals() as over, Hub(path, prompt=prompt, tell=say) as running:
+        say(f"bus on {path}, Ctrl-C ends it")
         over.wait()
         stats = running.stats
     _print_statistics(stats)
@@ -81,8 +77,8 @@ def hub(
 def _verdict(load: BusLoad) -> str:
     verdict = "below" if load.is_within_limit else "NOT below"
     return (
-        f"{PERCENT * load.total_ratio:.2f} % of {load.bitrate_bps} bit/s at worst, "
-        f"{verdict} the limit of {PERCENT * LOAD_LIMIT:.0f} %"
+        f"{PERCENT * load.total_ratio:z.2f} % of {load.bitrate_bps} bit/s at worst, "
+        f"{verdict} the limit of {PERCENT * LOAD_LIMIT:z.0f} %"
     )
 
 
@@ -99,10 +95,10 @@ def _print_table(load: BusLoad) -> None:
             row.sender,
             str(row.cycle_ms) if row.cycle_ms else "event",
             str(row.frame_bits),
-            f"{PERCENT * row.load_ratio:.3f}",
+            f"{PERCENT * row.load_ratio:z.3f}",
         )
-    Console().print(table)
-    print(_verdict(load))
+    show(table)
+    tell(_verdict(load))
 
 
 def _as_json(load: BusLoad) -> dict[str, Any]:
@@ -140,13 +136,13 @@ def load(
     if measure is not None:
         traffic, summary["measured"] = _measure(measure, seconds, bitrate_bps)
     if as_json:
-        print(json.dumps(summary, indent=2))
+        tell(json.dumps(summary, indent=2))
     elif traffic is None:
         _print_table(of_bus)
     else:
-        Console().print(comparison_table(of_bus, traffic))
-        print(_verdict(of_bus))
-        print(f"{PERCENT * summary['measured']['load_ratio']:.2f} % measured on {measure}")
+        show(comparison_table(of_bus, traffic))
+        tell(_verdict(of_bus))
+        tell(f"{PERCENT * summary['measured']['load_ratio']:z.2f} % measured on {measure}")
     if not of_bus.is_within_limit:
         raise typer.Exit(REFUSED)
 
@@ -165,7 +161,7 @@ def monitor(
     """Show what goes over BUS: each message's rate, last values and errors."""
     duration_s = math.inf if seconds is None else seconds
     if as_json:
-        print(json.dumps(_measure(bus, duration_s, bitrate_bps)[1], indent=2))
+        tell(json.dumps(_measure(bus, duration_s, bitrate_bps)[1], indent=2))
         return
     with open_bus(bus) as listening:
         show_live(listening, bus, duration_s, bitrate_bps)
@@ -179,11 +175,11 @@ def up(
     check_name(interface)
     if is_up(interface):
         raise_interface(interface)  # refuses what is no CAN interface
-        print(f"{interface} is up already")
+        tell(f"{interface} is up already")
         return
     if failure := raise_interface(interface):
-        print(f"{interface} could not be raised: {failure}. To be run by hand:", file=sys.stderr)
+        say(f"{interface} could not be raised: {failure}. To be run by hand:")
         for line in commands_to_run(interface):
-            print(line)
+            tell(line)
         raise typer.Exit(REFUSED)
-    print(f"{interface} is up: --bus socketcan:{interface}")
+    tell(f"{interface} is up: --bus socketcan:{interface}")

@@ -1,12 +1,13 @@
 """`aeroshell campaign`: many flights of a mission with dispersed conditions, kept and judged."""
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from flight_sw.streams import is_watched, say, tell
 
 if TYPE_CHECKING:
     from tools.campaign.engine import Campaign
@@ -19,9 +20,10 @@ class ProgressOfMany:
     """How many flights are done, at which rate, and when the last will be."""
 
     def __init__(self, quiet: bool) -> None:
-        from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
         from rich.progress import TimeRemainingColumn as Remaining
+
+        from tools.console import progress_console
 
         self._bar = Progress(
             TextColumn("flights"),
@@ -29,11 +31,11 @@ class ProgressOfMany:
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]}"),
             Remaining(),
-            console=Console(stderr=True),
-            disable=quiet or not sys.stderr.isatty(),
+            console=progress_console(),
+            disable=quiet or not is_watched(),
             transient=True,
         )
-        self._lines = not quiet and not sys.stderr.isatty()
+        self._lines = not quiet and not is_watched()
         self._task = self._bar.add_task("flights", total=None, rate="")
         self._before: int | None = None
         self._begun_s = self._told_s = time.monotonic()
@@ -54,16 +56,16 @@ class ProgressOfMany:
                 self.say(f"{done:,} of {n:,} flights are there already")
         spent_s = max(now_s - self._begun_s, 1e-9)
         rate = (done - self._before) / spent_s
-        self._bar.update(self._task, completed=done, total=n, rate=f"{rate:.1f} flights/s")
+        self._bar.update(self._task, completed=done, total=n, rate=f"{rate:z.1f} flights/s")
         if self._lines and now_s - self._told_s > LINE_EVERY_S and rate > 0.0:
             self._told_s = now_s
             left_s = (n - done) / rate
-            self.say(f"{done:,} of {n:,} flights, {rate:.1f} flights/s, {left_s:.0f} s to go")
+            self.say(f"{done:,} of {n:,} flights, {rate:z.1f} flights/s, {left_s:z.0f} s to go")
 
     def say(self, text: str) -> None:
         """One line on stderr, above the bar."""
         if self._lines:
-            sys.stderr.write(text + "\n")
+            say(text)
         elif not self._bar.disable:
             self._bar.console.print(text, highlight=False, markup=False)
 
@@ -122,7 +124,7 @@ def campaign(
         _report(folder)
     if as_json:
         told: dict[str, Any] = {k: v for k, v in flown.manifest.items() if k != "job"}
-        print(json.dumps(told, indent=1))
+        tell(json.dumps(told, indent=1))
     else:
         _show(flown)
     if fail_on_verdict and not flown.manifest["verdict"]["all_met"]:
@@ -141,22 +143,20 @@ def _report(folder: Path) -> None:
 
 def _show(flown: "Campaign") -> None:
     """Classes, distributions, verdicts, and how fast it went."""
-    from rich.console import Console
-
-    from tools.campaign.tables import distribution_table, requirement_table
+    from tools.campaign.tables import distribution_table, limits_of, requirement_table
+    from tools.console import show
 
     identity, verdict = flown.manifest["identity"], flown.manifest["verdict"]
     counts = {name: count for name, count in verdict["outcome_classes"].items() if count}
-    told = ", ".join(f"{count:,} {name}" for name, count in counts.items())
-    console = Console()
-    console.print(distribution_table(flown))
+    told = ", ".join(f"{count:,} {name}{limits_of(flown, name)}" for name, count in counts.items())
+    show(distribution_table(flown))
     if verdict["requirements"]:
-        console.print(requirement_table(verdict["requirements"]))
-    print(f"{identity['mission']}, law {identity['law']}, {identity['n']:,} flights: {told}")
+        show(requirement_table(verdict["requirements"]))
+    tell(f"{identity['mission']}, law {identity['law']}, {identity['n']:,} flights: {told}")
     if how := flown.manifest.get("flown"):
-        print(
-            f"{how['flights']:,} flown in {how['wall_s']:,.1f} s, "
-            f"{how['flights'] / how['wall_s']:.1f} flights/s, {how['jobs']} at a time, "
-            f"{how['cpu_s'] / how['flights'] * 1e3:.0f} ms of processor time a flight; "
+        tell(
+            f"{how['flights']:,} flown in {how['wall_s']:z,.1f} s, "
+            f"{how['flights'] / how['wall_s']:z.1f} flights/s, {how['jobs']} at a time, "
+            f"{how['cpu_s'] / how['flights'] * 1e3:z.0f} ms of processor time a flight; "
             f"{flown.folder}/"
         )

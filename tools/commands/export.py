@@ -1,10 +1,11 @@
 """`aeroshell export`: a recording as tables for other programs."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 
 def export(
@@ -21,8 +22,6 @@ def export(
     folder = out or recording.path.with_name(f"{recording.path.stem}-{form}")
     written = write(recording, form, folder, force=force)
     if not recording.is_complete:
-        sys.stderr.write(
-            f"{flight}: incomplete, exported is the flight until {recording.until_s:.2f} s\n"
-        )
+        say(f"{flight}: incomplete, exported is the flight until {recording.until_s:z.2f} s")
     for path in written:
-        print(path)
+        tell(path)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flight_sw.streams import say, tell
+
 if TYPE_CHECKING:
     from sim_harness.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
@@ -58,21 +60,21 @@ class Folder:
 
     def __init__(self, out: Path | None, mission: str, law: str, force: bool) -> None:
         from flight_sw.errors import FlightError
+        from flight_sw.program import shown
         from sim_harness.telemetry.records import RECORDING_NAME
 
         if out is None:
             names = (f"{mission}-{law}-{number:03d}" for number in range(1, 1_000_000))
             out = next(RUNS / name for name in names if not (RUNS / name).exists())
-        elif not force:
-            for name in (SUMMARY_NAME, RECORDING_NAME):
-                if (out / name).exists():
-                    raise FlightError(f"--out {out}: holds {name} already, --force replaces it")
         self.path = out
-        self._is_new = not out.exists()
         try:
+            self._is_new = not out.exists()
+            held = [name for name in (SUMMARY_NAME, RECORDING_NAME) if (out / name).exists()]
+            if held and not force:
+                raise FlightError(f"--out {out}: holds {held[0]} already, --force replaces it")
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FlightError(f"--out {out}: cannot be made ({error.strerror})") from error
+            raise FlightError(f"--out {shown(out)}: cannot be made ({error.strerror})") from error
 
     def discard(self) -> None:
         """Remove a folder made for a flight that never began."""
@@ -289,10 +291,10 @@ def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[st
     from tools.campaign.again import check_same
 
     if then is None or not then.get("command_sha256"):
-        sys.stderr.write(f"run {run} of {campaign} has no commands there to compare with\n")
+        say(f"run {run} of {campaign} has no commands there to compare with")
         return
     check_same(campaign, run, then, now)
-    sys.stderr.write(f"run {run} of {campaign}: the same commands, bit by bit\n")
+    say(f"run {run} of {campaign}: the same commands, bit by bit")
 
 
 def _load_path(prepared: "Prepared", folder: Folder) -> Path:
@@ -330,12 +332,13 @@ def _fly(
     from sim_harness.flight import FlightRun
     from sim_harness.summary import summary_of
     from sim_harness.world.records import PHYSICAL_ENDS
+    from tools.recording import FolderWatch
     from tools.show import ProgressLine
 
     run, view, unwritten = None, None, ""
     try:
         with ProgressLine(plan.mission, quiet=as_json) as line:
-            run = FlightRun(plan, [line])
+            run = FlightRun(plan, [line, FolderWatch(folder.path)])
             view = live.view_of(run, _manifest(run))
             run.listeners += [view] if view else []
             failure = fly_and_record(run, folder.path if record else None)
@@ -352,18 +355,17 @@ def _fly(
             except FlightError as error:  # the flight was flown all the same
                 unwritten = str(error)
     if as_json and run.harness["truth"]["minor_frames"][0] > 0:
-        print(text)
+        tell(text)
     if failure:
         raise FlightError(failure)
     if run.outcome not in PHYSICAL_ENDS:
         raise FlightError(f"the flight ended with outcome '{summary['outcome']}'")
-    return summary, unwritten
+    return summary, "; ".join(filter(None, (run.unrecorded, unwritten)))
 
 
 def _show(summary: dict[str, Any], prepared: "Prepared", folder: Path) -> None:
-    from rich.console import Console
-
+    from tools.console import show
     from tools.show import footnote, result_table
 
-    Console().print(result_table(summary, prepared.mission, prepared.comparable))
-    print(footnote(summary, f"{folder}/"))
+    show(result_table(summary, prepared.mission, prepared.comparable))
+    tell(footnote(summary, f"{folder}/"))

@@ -1,9 +1,10 @@
 """`aeroshell gains`: design the gains of a mission, or check that the stored ones regenerate."""
 
-import sys
 from typing import Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 
 def gains(
@@ -32,9 +33,9 @@ def gains(
         told = str(verdict)
         if not check:
             told = f"{verdict}, left as it is" if verdict.is_kept else "written"
-        print(f"{image}  crc32 0x{parse_image(raw, made.law).crc32:08x}  {len(raw)} bytes  {told}")
+        tell(f"{image}  crc32 0x{parse_image(raw, made.law).crc32:08x}  {len(raw)} bytes  {told}")
         n_different += not verdict.is_kept
     if check and n_different:
         count = f"{n_different} of {len(made_all)}"
-        sys.stderr.write(f"aeroshell: {count} load images differ from what {path} gives\n")
+        say(f"aeroshell: {count} load images differ from what {path} gives")
         raise typer.Exit(1)

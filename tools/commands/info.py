@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
+from flight_sw.streams import tell
+
 DISPLAY = {  # SI unit at the end of a name: factor and unit to show
     "wpm2": (1e-3, "kW/m2"),
     "jpm2": (1e-6, "MJ/m2"),
@@ -30,7 +32,7 @@ def info(
     from tools.flight_facts import facts
 
     found = facts(open_recording(flight))
-    print(json.dumps(found, indent=1) if as_json else _text(found))
+    tell(json.dumps(found, indent=1) if as_json else _text(found))
 
 
 def _text(found: dict[str, Any]) -> str:
@@ -38,8 +40,8 @@ def _text(found: dict[str, Any]) -> str:
         ("", [_state(found), _contents(found)]),
         ("manifest", _pairs(found["manifest"])),
         ("outcome", _pairs({k: v for k, v in found["outcome"].items() if k != TIMING_KEY})),
-        ("modes", [f"{m['t_s']:9.2f} s  {m['mode']}" for m in found["modes"]]),
-        ("events", [f"{e['t_s']:9.2f} s  {e['level']:<7}  {e['text']}" for e in found["events"]]),
+        ("modes", [f"{m['t_s']:z9.2f} s  {m['mode']}" for m in found["modes"]]),
+        ("events", [f"{e['t_s']:z9.2f} s  {e['level']:<7}  {e['text']}" for e in found["events"]]),
         ("extremes", [_extreme(extreme) for extreme in found["extremes"]]),
     ]
     lines = []
@@ -51,12 +53,12 @@ def _text(found: dict[str, Any]) -> str:
 
 
 def _state(found: dict[str, Any]) -> str:
-    flown = f"{found['until_s']:.2f} s of flight"
+    flown = f"{found['until_s']:z.2f} s of flight"
     if found["is_complete"]:
         return f"{found['path']}: complete, {flown}"
     cut_off = f"{found['path']}: incomplete, its recorder was cut off; it holds {flown}"
     if found["from_journal_s"] >= SHOWN_S:
-        cut_off += f", the last {found['from_journal_s']:.2f} s in its journal"
+        cut_off += f", the last {found['from_journal_s']:z.2f} s in its journal"
     return cut_off
 
 
@@ -64,7 +66,7 @@ def _contents(found: dict[str, Any]) -> str:
     parts = [
         f"{found['frames']:,} CAN frames in {found['minor_frames']:,} minor frames",
         f"{found['truth_rows']:,} samples of the truth",
-        f"{found['bytes'] / 1e6:.1f} MB",
+        f"{found['bytes'] / 1e6:z.1f} MB",
         "attached " + (", ".join(found["attachments"]) or "nothing"),
     ]
     if found["missing_minor_frames"]:
@@ -86,4 +88,4 @@ def _pairs(items: dict[str, str]) -> list[str]:
 def _extreme(extreme: dict[str, Any]) -> str:
     factor, unit = DISPLAY[extreme["name"].rsplit("_", 1)[-1]]
     value = extreme["value"] * factor
-    return f"{extreme['title']:<22} {value:12,.3f} {unit:<6} at {extreme['t_s']:9.2f} s"
+    return f"{extreme['title']:<22} {value:z12,.3f} {unit:<6} at {extreme['t_s']:z9.2f} s"

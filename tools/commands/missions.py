@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from flight_sw.streams import tell
+
 
 def missions(
     as_json: Annotated[bool, typer.Option("--json", help="print a JSON list")] = False,
@@ -21,8 +23,8 @@ def missions(
         laws = list(read_tree(design).get("laws", [])) if design.is_file() else []
         rows.append({"name": shipped.name, "title": shipped.title, "laws": laws})
     if as_json:
-        print(json.dumps(rows, indent=1))
+        tell(json.dumps(rows, indent=1))
         return
     width = max(len(row["name"]) for row in rows)
     for row in rows:
-        print(f"{row['name']:<{width}}  {row['title']}  (laws: {', '.join(row['laws'])})")
+        tell(f"{row['name']:<{width}}  {row['title']}  (laws: {', '.join(row['laws'])})")

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flight_sw.streams import say, tell
+
 if TYPE_CHECKING:
     from sim_harness.replay.open_loop import Compared
     from sim_harness.replay.replayer import Difference, Replay
@@ -42,9 +44,9 @@ def replay(
     recording, found, wall_s = replayed(flight)
     speed = found.until_s / wall_s
     if as_json:
-        print(json.dumps(_object(recording, found, wall_s, speed), indent=1))
+        tell(json.dumps(_object(recording, found, wall_s, speed), indent=1))
     else:
-        print("\n".join(_lines(flight, recording, found, f"{wall_s:.2f} s, {speed:,.0f} times")))
+        tell("\n".join(_lines(flight, recording, found, f"{wall_s:z.2f} s, {speed:z,.0f} times")))
     if not found.is_identical:
         sys.exit(DIFFERS)
 
@@ -95,17 +97,17 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
         lines.append(f"the flight computer did not answer the last {found.unanswered:,} frames")
     if found.gap_s is not None:
         lines.append(
-            f"replayed until {found.gap_s:.2f} s: minor frames are missing after it, "
+            f"replayed until {found.gap_s:z.2f} s: minor frames are missing after it, "
             f"{recording.missing_minor_frames:,} in all"
         )
     elif not recording.is_complete:
-        lines.append(f"the recording is incomplete, replayed until {found.until_s:.2f} s")
-    lines.append(f"{found.until_s:.2f} s of flight in {speed} real time")
+        lines.append(f"the recording is incomplete, replayed until {found.until_s:z.2f} s")
+    lines.append(f"{found.until_s:z.2f} s of flight in {speed} real time")
     return lines
 
 
 def _told(difference: "Difference") -> str:
-    where = f"differs at {difference.t_s:.2f} s, frame {difference.minor_frame:,}"
+    where = f"differs at {difference.t_s:z.2f} s, frame {difference.minor_frame:,}"
     what = difference.message + (f".{difference.signal}" if difference.signal else "")
     return f"{where}: {what} recorded {difference.recorded}, replayed {difference.replayed}"
 
@@ -121,26 +123,26 @@ def _open_loop(flight: Path, load: Path, out: Path | None, as_json: bool) -> Non
         for name in (spread.name,)
     }
     if as_json:
-        print(json.dumps(_open_loop_object(flight, load, compared, told), indent=1))
+        tell(json.dumps(_open_loop_object(flight, load, compared, told), indent=1))
     else:
         crc32 = recording.manifest.get("load_crc32", "?")
-        print(
+        tell(
             f"{flight}: open loop, what {load} (law {image.law}, 0x{image.crc32:08x}) would have "
             f"commanded of what the computer with load {crc32} heard\n"
             f"the vehicle flew on as recorded; {len(compared.t_s):,} frames compared"
         )
         for name, spread in told.items():
-            print(
-                f"{name:<16} largest difference {math.degrees(spread.largest):+9.4f} deg "
-                f"at {spread.at_s:9.2f} s, rms {math.degrees(spread.rms):9.4f} deg"
+            tell(
+                f"{name:<16} largest difference {math.degrees(spread.largest):+z9.4f} deg "
+                f"at {spread.at_s:z9.2f} s, rms {math.degrees(spread.rms):z9.4f} deg"
             )
         if compared.missing:
-            print(f"{compared.missing:,} frames have an answer of one load alone")
+            tell(f"{compared.missing:,} frames have an answer of one load alone")
         if not recording.is_complete:
-            print(f"the recording is incomplete, it ends at {recording.until_s:.2f} s")
+            tell(f"the recording is incomplete, it ends at {recording.until_s:z.2f} s")
     if out is not None:
         write_compared(compared, out)
-        sys.stderr.write(f"{out}\n")
+        say(f"{out}")
 
 
 def _open_loop_object(

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from flight_sw.streams import tell
+
 COMPARISON = Path("comparison.html")
 
 
@@ -34,7 +36,7 @@ def report(
         raise ReportError(f"--out {path}: there is no folder {path.parent}")
     with Doing() as doing:
         write_report(folders, path, command_of(folders, out), doing)
-    print(path)
+    tell(path)
 
 
 def command_of(folders: list[Path], out: Path | None) -> str:

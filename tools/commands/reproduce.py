@@ -18,14 +18,13 @@ QuickOption = Annotated[
 
 def progress_line() -> "Progress":
     """Tells on a terminal what is being flown."""
-    import sys
+    from flight_sw.streams import is_watched
+    from tools.console import progress_console
 
-    from rich.console import Console
-
-    console = Console(stderr=True)
+    console = progress_console()
 
     def tell(text: str) -> None:
-        if sys.stderr.isatty():
+        if is_watched():
             console.print(text, highlight=False)
 
     return tell
@@ -33,14 +32,14 @@ def progress_line() -> "Progress":
 
 def end_with(reproduction: "Reproduction", as_json: bool) -> None:
     """Show it; exit status 1 where a bar was missed."""
-    from rich.console import Console
-
+    from flight_sw.streams import tell
+    from tools.console import result_console
     from tools.reproduce.show import show
 
     if as_json:
-        print(json.dumps(reproduction.to_json(), indent=1))
+        tell(json.dumps(reproduction.to_json(), indent=1))
     else:
-        show(reproduction, Console())
+        show(reproduction, result_console())
     if not reproduction.all_hold:
         raise typer.Exit(1)
 

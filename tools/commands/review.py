@@ -1,13 +1,14 @@
 """`aeroshell review`: recorded flights as an entry engineer looks at them, in Rerun."""
 
 import contextlib
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.review.source import FlightData
@@ -77,7 +78,7 @@ def _close(stage: "Stage", drawn: Path) -> None:
     except (RuntimeError, OSError, Warning) as error:
         free_mb = shutil.disk_usage(drawn.parent).free / 1e6
         raise RecordingError(
-            f"{drawn}: was not written whole, {free_mb:,.1f} MB are free in its folder"
+            f"{drawn}: was not written whole, {free_mb:z,.1f} MB are free in its folder"
         ) from error
 
 
@@ -116,7 +117,7 @@ def _put(source: Path, out: Path, option: str) -> None:
         with contextlib.suppress(OSError):
             part.unlink()
         raise RecordingError(f"{option} {out}: cannot be written, {error.strerror}") from error
-    print(out)
+    tell(out)
 
 
 def _check_outputs(save: Path | None, screenshot: Path | None, force: bool) -> None:
@@ -138,7 +139,7 @@ def _check_moment(at_s: float | None, until_s: float) -> None:
     from flight_sw.errors import RecordingError
 
     if at_s is not None and not 0.0 <= at_s <= until_s:
-        raise RecordingError(f"--at {at_s:g}: allowed is a time of flight, 0 to {until_s:.2f} s")
+        raise RecordingError(f"--at {at_s:g}: allowed is a time of flight, 0 to {until_s:z.2f} s")
 
 
 def _tell_gaps(flights: "list[FlightData]") -> None:
@@ -147,8 +148,8 @@ def _tell_gaps(flights: "list[FlightData]") -> None:
         recording = flight.recording
         gaps = list(flight.gaps)
         if not recording.is_complete:
-            gaps.insert(0, f"incomplete, shown is the flight until {recording.until_s:.2f} s")
+            gaps.insert(0, f"incomplete, shown is the flight until {recording.until_s:z.2f} s")
         if recording.missing_minor_frames:
             gaps.append(f"{recording.missing_minor_frames:,} minor frames are missing in it")
         for gap in gaps:
-            sys.stderr.write(f"{recording.path}: {gap}\n")
+            say(f"{recording.path}: {gap}")

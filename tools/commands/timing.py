@@ -1,11 +1,12 @@
 """`aeroshell timing`: how punctual a flight was."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.flight_timing import FlightTiming
@@ -23,14 +24,14 @@ def timing(
 
     found = read_timing(flight)
     if as_json:
-        print(json.dumps(found.as_json(), indent=1))
+        tell(json.dumps(found.as_json(), indent=1))
     else:
-        print(_text(found))
+        tell(_text(found))
     if png is not None:
         from tools.timing_plot import plot
 
         plot(found, period_us(found), _headline(found), png)
-        sys.stderr.write(f"{png}\n")
+        say(f"{png}")
 
 
 def pace_factor(pace: str) -> float:
@@ -51,7 +52,7 @@ def _headline(found: "FlightTiming") -> str:
     what = f"{flown['minor_frames']:,} minor frames on bus {flown['bus']}"
     if found.is_lockstep:
         return f"{what}, lockstep"
-    reached = f"pace {counts['pace']}, reached {counts['pace_reached']:.3f}x"
+    reached = f"pace {counts['pace']}, reached {counts['pace_reached']:z.3f}x"
     return (
         f"{what}, {flown['synchronisation']}-synchronised, {reached}\n"
         f"{counts['slips']} slips, {counts['ticks']} ticks, "
@@ -68,7 +69,7 @@ def _text(found: "FlightTiming") -> str:
     else:
         held = "held" if counts["pace_held"] else "not held"
         lines += [
-            f"period         {period_us(found):10,.1f} us",
+            f"period         {period_us(found):z10,.1f} us",
             f"pace           {held}",
             f"slips          {counts['slips']:8,}    frames not over when the next was due",
             f"ticks          {counts['ticks']:8,}    cycles closed without navigation",
@@ -76,11 +77,11 @@ def _text(found: "FlightTiming") -> str:
         ]
     if found.stolen_s is not None:
         lines.append(
-            f"stolen         {found.stolen_s:8.2f}    s of processor time, by a hypervisor"
+            f"stolen         {found.stolen_s:z8.2f}    s of processor time, by a hypervisor"
         )
     width = max(len(quantity.title) for quantity in found.measured)
     lines += ["", " " * width + "".join(f"{label:>12}" for label in PERCENTILES.values()) + "  us"]
     for quantity in found.measured:
-        cells = "".join(f"{quantity.percentiles_us[key]:12,.1f}" for key in PERCENTILES)
+        cells = "".join(f"{quantity.percentiles_us[key]:z12,.1f}" for key in PERCENTILES)
         lines.append(f"{quantity.title:<{width}}{cells}")
     return "\n".join(lines)

@@ -46,7 +46,7 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         if self.differences:
             return "differs: " + "; ".join(self.differences)
-        return "same" if self.is_same else f"same up to round-off ({self.apart:.1e} of full scale)"
+        return "same" if self.is_same else f"same up to round-off ({self.apart:z.1e} of full scale)"
 
 
 def _columns(body: Any) -> Iterator[npt.NDArray[Any]]:

@@ -20,7 +20,7 @@ SIGNIFICANT_DIGITS = 9  # of what is stored of a solved flight: below what C lib
 
 def rounded(value: float) -> float:
     """The value to the digits that are stored."""
-    return float(f"{value:.{SIGNIFICANT_DIGITS - 1}e}")
+    return float(f"{value:z.{SIGNIFICANT_DIGITS - 1}e}")
 
 
 def share_of(lag_s: float, step_s: float) -> float:

@@ -114,9 +114,10 @@ def write_atomically(path: Path, raw: bytes) -> None:
     try:
         temporary.write_bytes(raw)
         os.replace(temporary, path)
-    except OSError:
+    except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
+        error.filename = str(path)  # a full disk names none
         raise
 
 

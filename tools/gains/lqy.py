@@ -44,7 +44,7 @@ class OperatingPoint:
 
 def rounded(value: float) -> float:
     """The value to the digits that are stored."""
-    return float(f"{value:.{SIGNIFICANT_DIGITS - 1}e}")
+    return float(f"{value:z.{SIGNIFICANT_DIGITS - 1}e}")
 
 
 def scaled_projection(state_gain: Matrix, output: Matrix, scale: Matrix) -> float:

@@ -166,7 +166,7 @@ def solve(mission: Mission, choice: NominalFlight) -> Nominal:
     flown = problem.fly(banks_deg) if math.isfinite(best) else None
     wanted = (
         f"{problem.target.altitude_km:g} km, {problem.target.speed_mps:g} m/s, "
-        f"{problem.way['target_m'][0] / 1e3:.2f} km downrange"
+        f"{problem.way['target_m'][0] / 1e3:z.2f} km downrange"
     )
     if flown is None:
         raise DesignError(
@@ -178,9 +178,9 @@ def solve(mission: Mission, choice: NominalFlight) -> Nominal:
         over_km = flown.miss_m / 1e3
         raise DesignError(
             f"{mission.path.name}: no bank linear in speed, {choice.bank_low_deg:g} to "
-            f"{choice.bank_high_deg:g} deg, ends at {wanted}; the nearest, {banks_deg[0]:.1f} to "
-            f"{banks_deg[1]:.1f} deg, is {over_km[0]:+.2f} km in altitude and "
-            f"{over_km[1]:+.2f} km in range off"
+            f"{choice.bank_high_deg:g} deg, ends at {wanted}; the nearest, {banks_deg[0]:z.1f} to "
+            f"{banks_deg[1]:z.1f} deg, is {over_km[0]:+z.2f} km in altitude and "
+            f"{over_km[1]:+z.2f} km in range off"
         )
     return Nominal(
         (float(banks_deg[0]), float(banks_deg[1])),
@@ -274,7 +274,7 @@ class Reference:
         if frames.size < ROWS_MIN:
             raise DesignError(
                 f"nominal_flight.drag_first_mps2 is {choice.drag_first_mps2:g}, allowed below the "
-                f"largest drag of the nominal flight, {log['drag_mps2'].max():.3g}"
+                f"largest drag of the nominal flight, {log['drag_mps2'].max():z.3g}"
             )
         chosen = np.linspace(frames[0], frames[-1], ROWS).round().astype(int)
         rows = sorted(self.row(log[i]) for i in np.unique(chosen))

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from tools.spans import widened
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#B38600", "#444444")
 """Okabe and Ito's, in an order that tells neighbours apart in grey too."""
 STYLES = ("-", "--", "-.", ":")
@@ -95,6 +97,13 @@ def off_panel(axes: Any, text: str, at: str = "top") -> None:
         text, (0.99, 0.99 if at == "top" else 0.02), xycoords="axes fraction", ha="right", va=at,
         fontsize=7.5, color=LIMIT,
     )  # fmt: skip
+
+
+def spread_axis(axes: Any, which: str, unit: str) -> None:
+    """Keep an axis from showing round-off: the least span of its unit, around what is drawn."""
+    low, high = axes.dataLim.intervalx if which == "x" else axes.dataLim.intervaly
+    if (ends := widened(float(low), float(high), unit)) is not None:
+        axes.set(**{f"{which}lim": ends})
 
 
 def blank(axes: Any) -> None:

@@ -18,6 +18,7 @@ from tools.report.drawing import (
     image,
     limit_line,
     off_panel,
+    spread_axis,
     style,
 )
 from tools.report.source import Source
@@ -75,6 +76,7 @@ def distributions(sources: Sequence[Source], plotted: Sequence[Plotted]) -> str:
                         linewidth=1.5, label=source.label,
                     )  # fmt: skip
                     whole.append(x)
+            spread_axis(axes, "x", what.name.unit)
             for value, text in _bounds(what.requirements).items():
                 if whole and _near(value, np.concatenate(whole)):
                     limit_line(axes, value, text, upright=True)
@@ -105,6 +107,7 @@ def differences(sources: Sequence[Source], plotted: Sequence[Plotted]) -> str:
                         x, share, where="post", color=colour(i), linestyle=style(i),
                         linewidth=1.5, label=f"{source.label} less {first.label}",
                     )  # fmt: skip
+            spread_axis(axes, "x", what.name.unit)
             axes.axvline(0.0, color=INK, linewidth=0.9)
             unit = f", {what.name.unit}" if what.name.unit else ""
             axes.set_xlabel(f"Δ {what.name.title}{unit}")
@@ -149,6 +152,8 @@ def scatter(
                             markeredgewidth=0.0, label=f"{label} ({there.sum():,})",
                             rasterized=len(x) > MARKED_MAX,
                         )  # fmt: skip
+            spread_axis(axes, "x", across.unit)
+            spread_axis(axes, "y", up.unit)
             if with_target:
                 axes.axvline(0.0, color=INK, linewidth=0.9)
                 axes.axhline(0.0, color=INK, linewidth=0.9)
@@ -220,6 +225,6 @@ def _bars(
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlim(-1.1, 1.1)
     axes.grid(visible=False, axis="y")
-    told = ", ".join(f"{one.r2:.2f}" for one in found if one is not None)
+    told = ", ".join(f"{one.r2:z.2f}" for one in found if one is not None)
     axes.set_title(name.title)
     axes.set_xlabel(f"standard deviations of rank; R² {told}")

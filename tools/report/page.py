@@ -67,8 +67,8 @@ def _sensitivity_rows(
             ordered = sorted(
                 zip(one.keys, one.coefficients, strict=True), key=lambda kc: -abs(kc[1])
             )
-            leading = ", ".join(f"{key_name(k).title} {c:+.2f}" for k, c in ordered[:4])
-            lines.append((source.label, leading, f"{one.r2:.2f}", f"{one.r2_linear:.2f}",
+            leading = ", ".join(f"{key_name(k).title} {c:+z.2f}" for k, c in ordered[:4])
+            lines.append((source.label, leading, f"{one.r2:z.2f}", f"{one.r2_linear:z.2f}",
                           one.r2 < SMALL_R2))  # fmt: skip
         rows.append({"title": name.title, "lines": lines})
     return rows
@@ -120,6 +120,7 @@ def context(sources: Sequence[Source], command: str, tell: Told = _quiet) -> dic
         "command": command,
         "version": version("aeroshell"),
         "dispersions": tables.dispersion_rows(sources[0]),
+        "fixed": tables.fixed_rows(sources),
         "requirements": [(source.label, tables.requirement_rows(source)) for source in sources],
         "classes": tables.class_rows(sources),
         "spreads": [(source.label, tables.spread_rows(source, varying)) for source in sources],

@@ -19,6 +19,7 @@ from flight_sw.errors import AeroshellError
 from sim_harness.dispersion_keys import Requirement
 from sim_harness.mission import Mission, mission_of
 from sim_harness.outcomes import CLASSES, NOT_FLOWN
+from sim_harness.quantities import plain
 from sim_harness.requirements import Verdict, judge
 from tools.campaign.profiles import Profiles, read_profiles
 from tools.campaign.store import JOURNAL, MANIFEST, RESULTS, SAMPLES, read_manifest, read_samples
@@ -27,6 +28,7 @@ F8 = npt.NDArray[np.float64]
 NEEDED = ("mission", "law", "load_crc32", "dispersions", "n", "seed", "samples_hash")
 NOT_VARIED = ("run", "seed")
 DONE = "done"
+EXCEEDED = "limits_exceeded"
 
 
 class ReportError(AeroshellError):
@@ -90,6 +92,21 @@ class Source(NamedTuple):
             worst = verdict.worst_run
             found.append(verdict._replace(worst_run=int(self.runs[worst - 1]) if worst else None))
         return found
+
+    def fixed(self) -> dict[str, str]:
+        """What was set for every run, by the command or by the dispersion set."""
+        told = self.manifest.get("fixed")
+        if not isinstance(told, dict):
+            return {}
+        return {
+            key: value if isinstance(value, str) else plain(value) for key, value in told.items()
+        }
+
+    def exceeded(self) -> list[str]:
+        """The limits that each run exceeded; empty where none, or where it was not told."""
+        if EXCEEDED not in self.results.column_names:
+            return [""] * len(self.results)
+        return [str(told or "") for told in self.results[EXCEEDED].to_pylist()]
 
     def counts(self) -> dict[str, int]:
         """Flights in each outcome class, all classes in their order."""

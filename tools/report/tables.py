@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim_harness.outcomes import NOMINAL
+from sim_harness.outcomes import LIMIT_EXCEEDED, NOMINAL, RATIOS, TOGETHER
 from sim_harness.requirements import Verdict, shown_probability
 from tools.report.figures import in_pairs
 from tools.report.source import Source, numeric_keys
@@ -22,6 +22,7 @@ from tools.report.words import NONE, Name, column_numbers, key_name, name_of, nu
 from tools.show import ROWS
 
 WORST = 3  # runs named for each requirement
+BY_LIMIT = "by its "  # before the name of a limit, below the class
 EXTREMES = ("least", "greatest")
 MARKS = {"met": "✓", "not met": "✗", "undecided": "?"}
 
@@ -114,6 +115,15 @@ def dispersion_rows(source: Source) -> list[list[str]]:
     return rows
 
 
+def fixed_rows(sources: Sequence[Source]) -> list[tuple[str, list[str], str]]:
+    """Keys that were set to one value for every flight: a cell a campaign."""
+    keys = dict.fromkeys(key for source in sources for key in source.fixed())
+    return [
+        (key, [source.fixed().get(key, NONE) for source in sources], key_name(key).unit)
+        for key in keys
+    ]
+
+
 def requirement_rows(source: Source) -> list[dict[str, str]]:
     """What is required, what the flights show, and how many it would take."""
     return [_requirement_row(verdict) for verdict in source.verdicts()]
@@ -130,7 +140,7 @@ def _requirement_row(verdict: Verdict) -> dict[str, str]:
         "title": verdict.title,
         "metric": name.label,
         "bound": verdict.bound.replace("<=", "≤").replace(">=", "≥"),
-        "required": f"{100.0 * verdict.probability:.8g} % at {100.0 * verdict.confidence:.6g} %",
+        "required": f"{100.0 * verdict.probability:z.8g} % at {100.0 * verdict.confidence:z.6g} %",
         "failures": f"{verdict.failures:,} of {verdict.flights:,}",
         "shown": percent(verdict.shown_probability),
         "quantile": shown or "too few flights",
@@ -162,13 +172,43 @@ def class_rows(sources: Sequence[Source]) -> list[tuple[str, str, list[tuple[str
     names = dict.fromkeys(name for source in sources for name in source.counts())
     rows = []
     for name in names:
-        cells = []
-        for source in sources:
-            n, count = len(source.results), source.counts().get(name, 0)
-            most = 1.0 - shown_probability(n, count, CONFIDENCE)
-            cells.append((f"{count:,}", percent(count / n), percent(most)))
-        rows.append((name, "nominal" if name == NOMINAL else "other", cells))
+        counts = [source.counts().get(name, 0) for source in sources]
+        rows.append((name, "nominal" if name == NOMINAL else "other", _shares(sources, counts)))
+        if name == LIMIT_EXCEEDED:
+            rows += _limit_rows(sources)
     return rows
+
+
+def _shares(sources: Sequence[Source], counts: Sequence[int]) -> list[tuple[str, str, str]]:
+    """Of each campaign: count, share, and the share that it leaves possible."""
+    cells = []
+    for source, count in zip(sources, counts, strict=True):
+        n = len(source.results)
+        most = 1.0 - shown_probability(n, count, CONFIDENCE)
+        cells.append((f"{count:,}", percent(count / n), percent(most)))
+    return cells
+
+
+def _limit_rows(sources: Sequence[Source]) -> list[tuple[str, str, list[tuple[str, str, str]]]]:
+    """By which limit: a flight that exceeded two counts under each."""
+    found = []
+    for limit in RATIOS:
+        counts = [
+            sum(
+                name == LIMIT_EXCEEDED and limit in exceeded.split(TOGETHER)
+                for name, exceeded in zip(source.classes, source.exceeded(), strict=True)
+            )
+            for source in sources
+        ]
+        if any(counts):
+            found.append((f"{BY_LIMIT}{limit}", "other", _shares(sources, counts)))
+    return found
+
+
+def class_of(source: Source, place: int) -> str:
+    """The class of a run, with the limits that it exceeded."""
+    name, exceeded = str(source.classes[place]), source.exceeded()[place]
+    return f"{name}: {exceeded}" if name == LIMIT_EXCEEDED and exceeded else name
 
 
 def spread_rows(source: Source, keys: Sequence[str]) -> list[tuple[str, list[str], str]]:
@@ -194,8 +234,7 @@ def command_of(source: Source, run: int) -> str:
 def _worst(source: Source, what: str, name: Name, place: int) -> Worst:
     run = int(source.runs[place])
     value = number(float(source.values(name.key)[place]), 5)
-    classes = source.classes
-    return Worst(what, run, value, name.unit, str(classes[place]), command_of(source, run))
+    return Worst(what, run, value, name.unit, class_of(source, place), command_of(source, run))
 
 
 def worst_by_requirement(source: Source) -> list[tuple[str, list[Worst]]]:

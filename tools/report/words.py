@@ -70,11 +70,11 @@ def number(value: float | int | None, digits: int = DIGITS) -> str:
         return NONE if value is None or math.isnan(value) else ("∞" if value > 0 else "-∞")
     value = float(value)
     if value == round(value) and abs(value) < 1e9:
-        return f"{value:,.0f}"
+        return f"{value:z,.0f}"
     decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
     if abs(value) < 1e-4 or abs(value) >= 1e9:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:,.{min(decimals, 6)}f}"
+        return f"{value:z.{digits - 1}e}"
+    return f"{value:z,.{min(decimals, 6)}f}"
 
 
 def column_numbers(values: "list[float | None]", digits: int = DIGITS) -> list[str]:
@@ -89,7 +89,7 @@ def column_numbers(values: "list[float | None]", digits: int = DIGITS) -> list[s
     return [
         number(v)
         if v is None or not math.isfinite(v)
-        else f"{np.round(v, decimals) + 0.0:,.{decimals}f}"
+        else f"{np.round(v, decimals) + 0.0:z,.{decimals}f}"
         for v in values
     ]
 
@@ -102,4 +102,4 @@ def percent(share: float) -> str:
     decimals = (
         1 if rest >= 0.01 or rest <= 0.0 else min(max(-math.floor(math.log10(rest)) - 1, 1), 4)
     )
-    return f"{100.0 * share:.{decimals}f} %"
+    return f"{100.0 * share:z.{decimals}f} %"

@@ -81,9 +81,9 @@ def near(quantity: str, here: float, paper: float, unit: str, bar_ratio: float |
         quantity,
         here,
         unit,
-        f"{paper:,.10g}",
-        f"{off:+.1%}",
-        "" if bar_ratio is None else f"within {bar_ratio:.1%}",
+        f"{paper:z,.10g}",
+        f"{off:+z.1%}",
+        "" if bar_ratio is None else f"within {bar_ratio:z.1%}",
         None if bar_ratio is None else abs(off) <= bar_ratio,
     )
 
@@ -92,7 +92,7 @@ def close(quantity: str, here: float, paper: float, unit: str, bar: float) -> Ro
     """A number that is to lie within a distance of the paper's."""
     off = here - paper
     return Row(
-        quantity, here, unit, f"{paper:,.10g}", f"{off:+.3g}", f"within {bar:g}", abs(off) <= bar
+        quantity, here, unit, f"{paper:z,.10g}", f"{off:+z.3g}", f"within {bar:g}", abs(off) <= bar
     )
 
 

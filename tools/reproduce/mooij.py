@@ -65,7 +65,7 @@ def _table_rows(law: str, flights: dict[float, dict[str, Any]]) -> list[Row]:
     rows = []
     for point, flight in flights.items():
         paper, (heat, range_) = HYPERION_1[law, point], TABLE_BARS[law]
-        title = f"{point:,.0f} kW/m2"
+        title = f"{point:z,.0f} kW/m2"
         rows += [
             near(f"{title}: heat load", flight["heat_load_mjpm2"], paper.heat_load_mjpm2,
                  "MJ/m2", heat),
@@ -103,7 +103,7 @@ def table_2(lqy: dict[float, dict[str, Any]], nominal: dict[float, dict[str, Any
         below = all(ratio[p] < 1.0 for p in SET_POINTS[2:])
         same = all(abs(ratio[p] - 1.0) <= SAME_RATIO for p in SET_POINTS[:2])
         rows.append(claim(f"{name}: LQY below NOM from 1,700 kW/m2 on", below, "yes"))
-        rows.append(claim(f"{name}: LQY as NOM below, to {SAME_RATIO:.1%}", same, "yes"))
+        rows.append(claim(f"{name}: LQY as NOM below, to {SAME_RATIO:z.1%}", same, "yes"))
     return Part(
         "[MOOIJ18] Table 2, inner loop (LQY)",
         "Not fitted, but the reading of Eq. 17 was chosen with it in view; matrices and weights of "

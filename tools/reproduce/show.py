@@ -14,7 +14,7 @@ HOLDS = {True: "yes", False: "NO", None: ""}
 def _here(row: Row) -> str:
     if row.here is None:
         return ""
-    return f"{row.here:,.1f}" if abs(row.here) >= 100.0 else f"{row.here:,.3g}"
+    return f"{row.here:z,.1f}" if abs(row.here) >= 100.0 else f"{row.here:z,.3g}"
 
 
 def _print_whole(console: Console, table: Table) -> None:

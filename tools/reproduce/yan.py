@@ -138,8 +138,8 @@ def spread_rows(spread: Spread, is_judged: bool, name: str = "") -> list[Row]:
     """Table 3's numbers of one study."""
     ds, dh = spread.downrange_km, spread.altitude_km
     if not is_judged:
-        text = f"{name}: downrange {ds.min():.1f} to {ds.max():.1f}, mean {ds.mean():.2f}"
-        text += f"; altitude mean {dh.mean():.2f}, std {dh.std():.2f}, max {dh.max():.2f}; std"
+        text = f"{name}: downrange {ds.min():z.1f} to {ds.max():z.1f}, mean {ds.mean():z.2f}"
+        text += f"; altitude mean {dh.mean():z.2f}, std {dh.std():z.2f}, max {dh.max():z.2f}; std"
         return [told(text, float(ds.std()), "km")]
     return [
         within("altitude error, mean", float(dh.mean()), 0.5, 0.9, "km", "0.6369"),

@@ -83,7 +83,7 @@ class Chart(NamedTuple):
         stage.still(f"{self.path}/axes/frame", edge)
         places = [[float(self.x.share(x)) * WIDTH, HEIGHT + LABEL_DROP] for x in xs]
         places += [[-LABEL_SHIFT, (1.0 - float(self.y.share(y))) * HEIGHT] for y in ys]
-        self._texts(stage, "ticks", places, [f"{value:,.10g}" for value in xs + ys], AXIS_RGBA)
+        self._texts(stage, "ticks", places, [f"{value:z,.10g}" for value in xs + ys], AXIS_RGBA)
         titles = [[WIDTH / 2.0, HEIGHT + TITLE_DROP], [WIDTH * 0.03, -LABEL_DROP * 2.0]]
         self._texts(stage, "titles", titles, [self.x.title, self.y.title], TEXT)
 

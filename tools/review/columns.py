@@ -6,15 +6,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw import status
+from flight_sw import modes, status
 from flight_sw.errors import AeroshellError
 from flight_sw.icd import FRAME_BYTES
 from sim_harness.bus.load_model import BITRATE_BPS, worst_frame_bits
 from sim_harness.telemetry.events import changes, value_names
 from sim_harness.telemetry.wire import groups_of
-from tools.flight_facts import phases_of
+from tools.flight_facts import law_of, phases_of
 from tools.review.geometry import to_go
 from tools.review.palette import PHASES, STATES, Rgba
+from tools.review.panels import TELEMETRY_PREFIX
 from tools.review.source import FlightData
 
 F8 = npt.NDArray[np.float64]
@@ -56,6 +57,20 @@ def thinned(t_s: F8, rate_hz: float = RATE_HZ) -> npt.NDArray[np.int64]:
         return np.zeros(0, np.int64)
     ticks = np.floor(t_s * rate_hz + 1e-6)
     return np.flatnonzero(np.append(True, np.diff(ticks) > 0.0))
+
+
+def while_formed(flight: FlightData, name: str, t_s: F8, values: F8) -> tuple[F8, F8]:
+    """Telemetry where its law ran and had come to the phase that forms it; a value that only stood
+    there is not a number where it begins to, so that a line ends, and left out before and after."""
+    reported_s, signals = flight.message(STATUS)
+    if not len(t_s) or not len(reported_s) or not {"mode", "phase"} <= set(signals):
+        return t_s, values
+    at = np.clip(np.searchsorted(reported_s, t_s), 0, len(reported_s) - 1)
+    first: dict[str, int] = getattr(law_of(flight.recording.manifest), "FIRST_PHASE", {})
+    is_formed = (signals["mode"][at] == modes.ENTRY) & (signals["phase"][at] >= first.get(name, 0))
+    ends = np.append(False, is_formed[:-1] & ~is_formed[1:])
+    kept = is_formed | ends
+    return t_s[kept], np.where(ends, np.nan, values)[kept]
 
 
 def truth_fields(flight: FlightData) -> list[str]:
@@ -103,6 +118,8 @@ def column(flight: FlightData, message: str, name: str) -> tuple[F8, F8]:
         if message not in FULL_RATE:
             kept = thinned(t_s)
             t_s, values = t_s[kept], values[kept]
+        if message.startswith(TELEMETRY_PREFIX):
+            t_s, values = while_formed(flight, name, t_s, values)
     elif name in BUS_COLUMNS:
         t_s, frames = frames_per_second(flight)
         values = frames * BUS_COLUMNS[name]

@@ -14,17 +14,19 @@ from tools.review.stage import TIMELINE
 F8 = npt.NDArray[np.float64]
 COLUMNS = 3
 BACKGROUND = (14, 17, 22)
-ROOM = 1.12  # of a limit: how far a plot reaches beyond it
 TIME_ROOM = 1.01
 LOG_COLUMNS: list[Any] = ["entitypath", "loglevel", "body"]
 TABS = (ENTRY, TRAJECTORY, GUIDANCE, BUS, FLIGHTS)
 
 
+Ends = tuple[float, float] | None
+
+
 class Shape(NamedTuple):
     """What there is to be laid out."""
 
-    panels: Sequence[tuple[Panel, float]]
-    """With what each has to reach up to, in the unit shown; NaN where the viewer may choose."""
+    panels: Sequence[tuple[Panel, Ends]]
+    """With the ends of each one's axis in the unit shown; None where the viewer may choose."""
     charts: tuple[Chart, Chart] | None
     planet: tuple[globe.Body, tuple[F8, F8, F8]] | None
     until_s: float
@@ -44,13 +46,13 @@ def time_axis(until_s: float) -> Any:
     return rrb.archetypes.TimeAxis(view_range=whole)
 
 
-def time_view(panel: Panel, top: float, shape: Shape) -> Any:
-    """A plot over time; one with a top begins at 0 and ends above it."""
+def time_view(panel: Panel, ends: Ends, shape: Shape) -> Any:
+    """A plot over time."""
     import rerun.blueprint as rrb
 
-    axis = rrb.ScalarAxis(range=(0.0, top * ROOM)) if np.isfinite(top) else None
+    axis = rrb.ScalarAxis(range=ends) if ends else None
     corner = rrb.Corner2D.RightTop if panel.tab == ENTRY else rrb.Corner2D.LeftTop
-    has_limit = bool(panel.limit) and np.isfinite(top)
+    has_limit = bool(panel.limit) and ends is not None and ends[0] == 0.0
     is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_limit
     return rrb.TimeSeriesView(
         origin=f"/{panel.path}",
@@ -102,7 +104,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
 
     play: Any = "paused" if np.isfinite(shape.until_s) else "following"
     plots = {
-        name: [time_view(panel, top, shape) for panel, top in shape.panels if panel.tab == name]
+        name: [time_view(panel, ends, shape) for panel, ends in shape.panels if panel.tab == name]
         for name in (ENTRY, TRAJECTORY, GUIDANCE, BUS)
     }
     states = rrb.StateTimelineView(

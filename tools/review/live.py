@@ -25,7 +25,7 @@ from tools.review.chart import Chart, Scale
 from tools.review.columns import target_of, thinned
 from tools.review.palette import palette
 from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_panels
-from tools.review.review import top_of
+from tools.review.review import ends_from_zero
 from tools.review.source import FlightData, limits_of
 from tools.review.stage import Stage
 
@@ -286,7 +286,7 @@ def _telemetry_of(law: str) -> tuple[str, ...]:
     return tuple(getattr(LAWS.get(law), "TELEMETRY", ()))
 
 
-def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Panel, float]]:
+def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Panel, layout.Ends]]:
     """Every panel that a flight of this law will have something for."""
     messages = flight.recording.decoder.messages
     sent = [
@@ -298,7 +298,7 @@ def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Pan
     fields = tuple(flight.mission.truth().dtype.names or ()) if flight.mission else ()
     panels = [*PANELS, *(TO_GO if target_of(flight) else ())]
     panels += [*telemetry_panels(sent, fields), *bus_panels(sent)]
-    return [(panel, top_of(panel, [flight]) if panel.limit else np.nan) for panel in panels]
+    return [(panel, ends_from_zero(panel, [flight]) if panel.limit else None) for panel in panels]
 
 
 def charts_for(flight: LiveFlight) -> tuple[Chart, Chart]:

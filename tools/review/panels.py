@@ -14,6 +14,7 @@ TELEMETRY_PREFIX = "TM_"
 HEALTH_PREFIX = "RX_HEALTH_"
 TIMING = "FSW_TIMING"
 PROTECTION = ("e2e_crc", "e2e_counter")
+NO_REFUSAL = ("heard", "ticked")  # of RX_HEALTH_C: what was judged, and who closed the cycle
 
 
 class Line(NamedTuple):
@@ -128,7 +129,7 @@ def bus_panels(messages: Sequence[Message]) -> list[Panel]:
         for message in messages
         if message.name.startswith(HEALTH_PREFIX)
         for signal in message.signals
-        if signal.name not in PROTECTION
+        if signal.name not in (*PROTECTION, *NO_REFUSAL)
     ]
     panels = [
         Panel(BUS, "bus/frames", "Frames on the bus, 1/s", PURE, (Line("frames", "frames"),)),

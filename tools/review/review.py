@@ -7,7 +7,7 @@ from tools.review import globe, plots
 from tools.review.chart import Chart
 from tools.review.columns import column, target_of, thinned, truth_fields
 from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
-from tools.review.layout import Shape
+from tools.review.layout import Ends, Shape
 from tools.review.palette import palette
 from tools.review.panels import (
     BUS,
@@ -20,11 +20,14 @@ from tools.review.panels import (
     telemetry_panels,
 )
 from tools.review.sheet import sheet
+from tools.review.signals import shown as signal
 from tools.review.source import FlightData
 from tools.review.stage import Stage
+from tools.spans import widened
 
 F8 = npt.NDArray[np.float64]
 
+ROOM = 1.12  # of a limit or a count: how far a plot reaches beyond it
 LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
 """Where in PathLimits a limit of the corridor stands."""
 
@@ -39,7 +42,7 @@ def plan(flights: list[FlightData]) -> Shape:
         for panel in (*telemetry_panels(messages, truth_fields(flight)), *bus_panels(messages)):
             wanted.setdefault(panel.path, panel)
     shown = [panel for panel in wanted.values() if any(_has(panel, f) for f in flights)]
-    panels = [(panel, top_of(panel, flights)) for panel in shown]
+    panels = [(panel, ends_of(panel, flights)) for panel in shown]
     charts = plots.charts_of(flights)
     over = [f for f in flights if f.planet_radius_m is not None and f.has(*globe.POSITION)]
     body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
@@ -58,25 +61,37 @@ def _has(panel: Panel, flight: FlightData) -> bool:
     return any(len(values) for values in found)
 
 
-def top_of(panel: Panel, flights: list[FlightData]) -> float:
-    """What a plot that begins at 0 has to reach up to; NaN leaves both ends to the viewer."""
-    if panel.tab == BUS:
-        return _highest(panel, flights)
-    if not panel.limit:
-        return np.nan
-    limits = [plots.limit_of(panel, flight) for flight in flights]
-    limits = [limit for limit in limits if np.isfinite(limit)]
-    return max(limits, default=np.nan)
+def ends_of(panel: Panel, flights: list[FlightData]) -> Ends:
+    """The ends of a panel's axis: from 0 where there is a limit or a count, wider than the values
+    where these are all one but for round-off; None leaves both to the viewer."""
+    if (from_zero := ends_from_zero(panel, flights)) is not None:
+        return from_zero
+    values = _values(panel, flights)
+    return widened(values.min(), values.max(), panel.unit) if len(values) else None
 
 
-def _highest(panel: Panel, flights: list[FlightData]) -> float:
-    """The highest of a panel's values, which are mostly constant: the viewer alone would show a
-    count of none between -1 and 1."""
-    found = [column(f, line.message, line.field)[1] for f in flights for line in panel.lines]
-    values = np.concatenate([np.zeros(0), *found])
+def ends_from_zero(panel: Panel, flights: list[FlightData]) -> Ends:
+    """From 0 to above a limit, or to above the highest count: the viewer alone would show a count
+    of none between -1 and 1."""
+    if panel.limit:
+        limits = [plots.limit_of(panel, flight) for flight in flights]
+        top = max((limit for limit in limits if np.isfinite(limit)), default=0.0)
+        return (0.0, top * ROOM) if top > 0.0 else None
+    values = _values(panel, flights) if panel.tab == BUS else np.zeros(0)
     if not len(values) or values.min() < 0.0:
-        return np.nan
-    return float(values.max()) or 1.0
+        return None
+    return 0.0, (float(values.max()) or 1.0) * ROOM
+
+
+def _values(panel: Panel, flights: list[FlightData]) -> F8:
+    """All finite values of a panel, in its unit."""
+    found = [
+        column(flight, line.message, line.field)[1] * signal(line.field).factor
+        for flight in flights
+        for line in panel.lines
+    ]
+    values = np.concatenate([np.zeros(0), *found])
+    return values[np.isfinite(values)]
 
 
 def _eye(flight: FlightData, body: globe.Body) -> tuple[F8, F8, F8]:

@@ -21,10 +21,10 @@ def state_of(flight: FlightData) -> str:
     recording = flight.recording
     if recording.is_complete:
         ended = recording.outcome.get("outcome", "with no word of its outcome")
-        return f"complete, {recording.until_s:.2f} s of flight, {ended}"
+        return f"complete, {recording.until_s:z.2f} s of flight, {ended}"
     return (
         f"**incomplete: its recorder was cut off. It holds the flight until "
-        f"{recording.until_s:.2f} s.**"
+        f"{recording.until_s:z.2f} s.**"
     )
 
 
@@ -53,9 +53,9 @@ def _flight(flight: FlightData) -> str:
         if extreme["name"] in LIMITED:
             allowed = getattr(flight.limits, LIMITED[extreme["name"]])
             factor_shown = shown(extreme["name"]).factor
-            limit = f"{allowed * factor_shown:,.4g}" if math.isfinite(allowed) else "none"
+            limit = f"{allowed * factor_shown:z,.4g}" if math.isfinite(allowed) else "none"
         lines.append(
-            f"| {extreme['title']} | {extreme['value'] * factor:,.3f} | {unit} | {limit} "
-            f"| {extreme['t_s']:,.1f} |"
+            f"| {extreme['title']} | {extreme['value'] * factor:z,.3f} | {unit} | {limit} "
+            f"| {extreme['t_s']:z,.1f} |"
         )
     return "\n".join(lines)

@@ -144,7 +144,7 @@ def open_flights(paths: list[Path]) -> list[FlightData]:
         first, own = float(known[0][1].planet_radius_m or 0), float(flight.planet_radius_m or 0)
         if abs(own - first) > SAME_RADIUS * first:
             raise RecordingError(
-                f"{path}: was flown over a planet of {own / 1e3:,.1f} km radius, {known[0][0]} "
-                f"over one of {first / 1e3:,.1f} km; flights of one planet lie over each other"
+                f"{path}: was flown over a planet of {own / 1e3:z,.1f} km radius, {known[0][0]} "
+                f"over one of {first / 1e3:z,.1f} km; flights of one planet lie over each other"
             )
     return flights

@@ -121,8 +121,8 @@ class Stage:
         self.still(path, style)
 
     def scalars(self, path: str, t_s: F8, values: F8) -> None:
-        """Values of a line or of dots; what is not finite is left out."""
-        good = np.isfinite(values)
+        """Values of a line or of dots; a line ends at what is not a number."""
+        good = ~np.isinf(values)
         if good.any():
             self._columns(path, t_s[good], self.rr.Scalars.columns(scalars=values[good]))
 

@@ -2,16 +2,20 @@
 
 import importlib.util
 import os
+import queue
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
+from flight_sw.streams import say
 from tools.review.stage import TIMELINE, quiet_rerun
 
 if TYPE_CHECKING:
@@ -25,15 +29,56 @@ START_S, LOAD_S, NOTICES_S = (
     9.0,
 )  # longest waits; how long a notice stays in the picture
 LOOK_S, ANSWER_S = 0.25, 3.0
+CALL_S = 30.0  # of one call to a viewer
 SCHEMES = ("rerun", "rerun+http", "rerun+https")
 ENVIRONMENT = {"RERUN_APP_ONLY": "true", "RUST_LOG": "warn"}  # its last word is what we tell
 HERE = "127.0.0.1"  # Rerun's own default lets any machine send to the viewer
+T = TypeVar("T")
 LOST = (ConnectionError, RuntimeError)
 """What a client raises whose viewer is gone, or does not answer."""
 
 
 class ViewerError(AeroshellError):
     """The viewer does not run here."""
+
+
+class LateError(ViewerError):
+    """The viewer runs, and did not answer in time."""
+
+
+def again_if_late(attempt: Callable[[], T]) -> T:
+    """A viewer that was late has a second try, from its start: the machine may have been busy."""
+    try:
+        return attempt()
+    except LateError as error:
+        say(f"{error}; trying once more")
+        return attempt()
+
+
+def answered(call: Callable[[], T], within_s: float | None = None) -> T:
+    """What a call to the viewer returns; a viewer that takes it and says nothing is given up.
+
+    Rerun's own client waits for such a one without limit.
+    """
+    limit_s = CALL_S if within_s is None else within_s
+    done: queue.SimpleQueue[tuple[Any, BaseException | None]] = queue.SimpleQueue()
+
+    def run() -> None:
+        try:
+            done.put((call(), None))
+        except BaseException as error:
+            done.put((None, error))
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        value, error = done.get(timeout=limit_s)
+    except queue.Empty:
+        raise LateError(f"the Rerun viewer did not answer within {limit_s:g} s") from None
+    if isinstance(error, TimeoutError):
+        raise LateError(f"the Rerun viewer did not answer ({error})") from error
+    if error is not None:
+        raise error
+    return value
 
 
 def executable() -> str:
@@ -76,6 +121,10 @@ def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
         raise ViewerError(
             "--live: no display to open a window on; --viewer URL shows the flight elsewhere"
         )
+    return again_if_late(_open_live)
+
+
+def _open_live() -> "tuple[str, subprocess.Popen[bytes]]":
     port = free_port()
     log = tempfile.TemporaryFile()
     process = start(["--port", str(port), "--hide-welcome-screen"], log)
@@ -104,7 +153,7 @@ class Live(NamedTuple):
 
 
 def _tell(sentence: str) -> None:
-    sys.stderr.write(f"{sentence}\n")
+    say(sentence)
 
 
 def reachable(url: str) -> str:
@@ -116,13 +165,19 @@ def reachable(url: str) -> str:
         host, port = None, None
     if parts.scheme not in SCHEMES or not host or not port or parts.path != "/proxy":
         raise ViewerError(f"--viewer {url}: allowed is an address like {address(9876)}")
+    again_if_late(lambda: _probe(url, (host, port)))
+    return url
+
+
+def _probe(url: str, where: tuple[str, int]) -> None:
     with socket.socket() as probe:
         probe.settimeout(ANSWER_S)
         try:
-            probe.connect((host, port))
-        except OSError as error:
+            probe.connect(where)
+        except TimeoutError as error:
+            raise LateError(f"--viewer {url}: no answer within {ANSWER_S:g} s") from error
+        except (OSError, UnicodeError) as error:
             raise ViewerError(f"--viewer {url}: no viewer answers there ({error})") from error
-    return url
 
 
 def address(port: int) -> str:
@@ -137,13 +192,17 @@ def open_window(file: Path, at_s: float) -> None:
             "no display to open a window on; --save FILE.rrd keeps the review, "
             "--screenshot FILE.png draws it without one"
         )
+    again_if_late(lambda: _open_window(file, at_s))
+
+
+def _open_window(file: Path, at_s: float) -> None:
     port = free_port()
     with tempfile.TemporaryFile() as log:
         process = start(["--port", str(port), "--hide-welcome-screen", str(file)], log)
         try:
             client = _connected(process, port, log)
             _await_loaded(client, process)
-            client.set_time(TIMELINE, duration=at_s, play_state="paused")
+            answered(lambda: client.set_time(TIMELINE, duration=at_s, play_state="paused"))
         except LOST as error:
             if not _was_closed(process):
                 raise ViewerError(f"the Rerun viewer ended too early ({error})") from error
@@ -163,6 +222,10 @@ def _was_closed(process: "subprocess.Popen[bytes]") -> bool:
 
 def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WINDOW) -> None:
     """Draw a review at one mission time, without a window."""
+    again_if_late(lambda: _screenshot(file, out, at_s, window))
+
+
+def _screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int]) -> None:
     port = free_port()
     size = f"{window[0]}x{window[1]}"
     options = ["--headless", "--window-size", size, "--port", str(port), "--hide-welcome-screen"]
@@ -172,10 +235,10 @@ def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WIN
         try:
             client = _connected(process, port, log)
             _await_loaded(client, process)
-            client.run_command("ui.toggle_top_panel")
-            client.set_time(TIMELINE, duration=at_s, play_state="paused")
+            answered(lambda: client.run_command("ui.toggle_top_panel"))
+            answered(lambda: client.set_time(TIMELINE, duration=at_s, play_state="paused"))
             time.sleep(max(began_s + NOTICES_S - time.monotonic(), 1.0))
-            client.save_screenshot(str(out.resolve()))
+            answered(lambda: client.save_screenshot(str(out.resolve())))
             _await_file(out, process)
         except LOST as error:
             raise ViewerError(f"the Rerun viewer gave no picture: {error}") from error
@@ -202,8 +265,10 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, log: Any) -> Any:
             break
         with socket.socket() as probe:
             if probe.connect_ex((HERE, port)) == 0:
-                return client_of.connect(address(port))
+                return answered(lambda: client_of.connect(address(port)))
         time.sleep(LOOK_S)
+    if process.poll() is None:
+        raise LateError(f"the Rerun viewer does not listen after {START_S:g} s")
     log.seek(0)
     why = _last_line(log.read())
     raise ViewerError(
@@ -217,11 +282,11 @@ def _await_loaded(client: Any, process: "subprocess.Popen[bytes]") -> None:
     while time.monotonic() < deadline_s:
         if process.poll() is not None:
             raise ConnectionError("no answer")
-        state = client.get_state()
+        state = answered(client.get_state, max(deadline_s - time.monotonic(), LOOK_S))
         if state.recordings and not state.loading:
             return
         time.sleep(LOOK_S)
-    raise ViewerError(f"the Rerun viewer did not load the review within {LOAD_S:g} s")
+    raise LateError(f"the Rerun viewer did not load the review within {LOAD_S:g} s")
 
 
 def _await_file(path: Path, process: "subprocess.Popen[bytes]") -> None:
@@ -232,6 +297,8 @@ def _await_file(path: Path, process: "subprocess.Popen[bytes]") -> None:
             return
         size = path.stat().st_size if path.exists() else -1
         time.sleep(LOOK_S)
+    if process.poll() is None:
+        raise LateError(f"the Rerun viewer wrote no picture within {START_S:g} s")
     raise ViewerError("the Rerun viewer wrote no picture")
 
 
