@@ -19,10 +19,7 @@ from flight_sw.privileges import (
     take_priority,
     unlock_memory,
 )
-from flight_sw.requests import (
-    ARM,
-    STOP,
-)
+from flight_sw.requests import ARM, STOP
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import no_ear, socket_ear

@@ -20,6 +20,7 @@ from flight_sw.can.receiver import (
     receiver_tick,
     refuse,
 )
+from flight_sw.candidate import NAV_SLOTS
 from flight_sw.computer import (
     ALPHA_CMD,
     ALPHA_SATURATED,
@@ -32,7 +33,6 @@ from flight_sw.computer import (
     FIX_VALID,
     LAW_STATUS,
     MODE,
-    NAV_SLOTS,
     PHASE,
     SEAL,
     STATUS,

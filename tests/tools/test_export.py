@@ -95,6 +95,9 @@ def test_raw_frames_are_exported_in_the_order_of_their_bytes(flight: Path) -> No
 def test_the_same_recording_gives_the_same_bytes(flight: Path) -> None:
     for folder in ("a", "b"):
         run(str(flight), "--out", str(flight.parent / folder))
+    names = [{path.name for path in (flight.parent / folder).iterdir()} for folder in ("a", "b")]
+    assert len(names[0]) > 1
+    assert names[0] == names[1]
     for path in sorted((flight.parent / "a").iterdir()):
         assert path.read_bytes() == (flight.parent / "b" / path.name).read_bytes()
 

@@ -32,6 +32,7 @@ def test_as_much_of_the_surface_is_land_as_there_is() -> None:
 
 
 def test_outlines_are_closed_and_on_the_sphere() -> None:
+    assert len(list(rings())) > 100
     for ring in rings():
         assert ring[0].tolist() == pytest.approx(ring[-1].tolist())
         assert np.abs(ring[:, 0]).max() <= 180.0

@@ -105,6 +105,9 @@ class Gates(Section):
         float,
         loaded(GATES, "attitude_margin_rad", "deg", "beyond what lies between flown and commanded"),
     ] = 3.0
+    agreement_s: Annotated[
+        float, Quantity("s", 1e-3, 100.0, "refused sets that agree for so long are believed")
+    ] = 0.5
 
 
 def angle(meaning: str) -> Quantity:
@@ -156,6 +159,8 @@ class Nominal(Section):
             "a heat-flux peak is one from so far below it; noise",
         ),
     ] = 0.0
+    peak_by: Literal["samples", "model"] = "model"
+    """What makes a heat-flux peak: falling samples, as printed, or with the model's consent."""
 
 
 class Lqy(Section):
