@@ -9,7 +9,6 @@ import gc
 import json
 import math
 import signal
-import threading
 import time
 from pathlib import Path
 from types import FrameType
@@ -38,6 +37,7 @@ from flight_sw.executive import (
 )
 from flight_sw.histogram import filled_bins_us, percentiles_us
 from flight_sw.identity import SOURCES, draw_number, name_of
+from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
@@ -45,7 +45,6 @@ from flight_sw.streams import say, tell
 
 SLICE_NS = 100_000_000  # between two looks at signals
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
-SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILES = "flight computer: compiling law"
 HEARD = (*identifiers_from("HARNESS"), icd.layout("FSW_BOOT").can_id)
@@ -119,15 +118,10 @@ class FlightComputer:
             say(f"{NOT_PERMITTED} {'; '.join(words)}")
 
     def compile(self) -> None:
-        """Load or make the machine code; says so if it takes long."""
+        """Load or make the machine code; says so if it has to be made."""
         start_s = time.monotonic()
-        notice = threading.Timer(
-            SLOW_COMPILE_S,
-            lambda: say(f"{COMPILES} '{self.image.law}' for this processor, once"),
-        )
-        notice.start()
-        self._serve(new_state(self.image.law), self.executive.copy(), 0)
-        notice.cancel()
+        with on_compiling(lambda: say(f"{COMPILES} '{self.image.law}' for this processor")):
+            self._serve(new_state(self.image.law), self.executive.copy(), 0)
         self.compile_s = time.monotonic() - start_s
 
     def discard(self) -> None:

@@ -112,7 +112,9 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
     limits, heating = mission.limits, mission.heating
     for name in ("heat_flux_max_kwpm2", "load_factor_max_g"):
         if not math.isfinite(getattr(limits, name)):
-            raise DesignError(f"laws: this one needs limits.{name}, which is missing")
+            raise DesignError(
+                f"laws: this one needs limits.{name}, which is infinite: allowed is a finite limit"
+            )
     if heating is None:
         raise DesignError("laws: this one needs a table [heating] in the mission")
     record["heat_flux_max_wpm2"] = limits.heat_flux_max_kwpm2 * 1e3
