@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from flight_sw.can.receiver import HEARD_MODULUS
 from flight_sw.computer import new_state
+from flight_sw.identity import ALONE
 from flight_sw.load_image import LoadImage, activate
 from flight_sw.types_ import Frames
 from sim_harness.replay.beginning import find_beginning
@@ -38,6 +39,7 @@ from sim_harness.replay.script import (
     Heard,
     attached_load,
     check_dbc,
+    computer_of,
     hears_all,
     is_paced,
     reports_of,
@@ -95,17 +97,15 @@ class Replay:
         return self.difference is None
 
 
-def new_computer(image: LoadImage, crc32: int) -> Computers:
-    """A computer that flies this load and obeys requests for the one with this CRC."""
-    load = activate(image).copy()
-    load["crc32"] = crc32
-    return new_computers(load, new_state(image.law))
+def new_computer(image: LoadImage, number: int) -> Computers:
+    """A computer that flies this load and obeys requests for the one with this number."""
+    return new_computers(activate(image).copy(), new_state(image.law, number))
 
 
 def warm_up(image: LoadImage) -> None:
     """Compile, or read from the cache, what a replay of this law takes."""
     rows = np.zeros(0, BUS_LOG)
-    feed(new_computer(image, 0), new_script(rows, NO_ROWS, NO_ROWS), 0)
+    feed(new_computer(image, ALONE), new_script(rows, NO_ROWS, NO_ROWS), 0)
 
 
 class Replayer:
@@ -115,7 +115,7 @@ class Replayer:
         check_dbc(recording)
         self.recording = recording
         self.image = image or attached_load(recording)
-        self._computers = new_computer(self.image, self.image.crc32)
+        self._computers = new_computer(self.image, computer_of(recording))
         self._end = recording.rows_before_gap
         self._may_tick = is_paced(recording)
         self._false_kind = HEARD if hears_all(recording) else NEITHER

@@ -29,6 +29,7 @@ pytestmark = pytest.mark.jit_only
 DT_S = 0.02
 BEFORE_CYCLES = 60  # true ones, before the lie
 AFTER_CYCLES = 100
+AGREEING_CYCLES = 25  # 0.5 s
 RECOVERY_CYCLES = 50  # the requirement: one second
 TURN = math.tau
 
@@ -112,19 +113,21 @@ def fly_lied_to(harnesses: Any, loads: Any, states: Any, buffers: Any, logs: Any
     return FLYING
 
 
-def in_mode(mode: str) -> Built:
-    """A flight that is in this mode when the lie begins."""
+def in_mode(mode: str, terminal_mps: float) -> Built:
+    """A flight that is in this mode when the lie begins; its law ends at this speed."""
     made = built("lqy", "entry" if mode == "COAST" else "tracking")
     load = made.load.copy()
-    if mode == "TERMINAL":
-        load["modes"]["terminal_speed_mps"] = 9000.0
+    load["modes"]["terminal_speed_mps"] = 9000.0 if mode == "TERMINAL" else terminal_mps
     load.setflags(write=False)
     return made._replace(load=load)
 
 
-def recovery_cycles(mode: str, message: str, signal: str, error: float, duration_s: float) -> int:
+def recovery_cycles(
+    mode: str, message: str, signal: str, error: float, duration_s: float,
+    terminal_mps: float = 2000.0,
+) -> int:  # fmt: skip
     """Cycles from the truth's return until it is flown on for good."""
-    made = in_mode(mode)
+    made = in_mode(mode, terminal_mps)
     last = BEFORE_CYCLES + round(duration_s / DT_S)
     cycles = last + AFTER_CYCLES
     world, computer = World(made, 1), Computer(made)
@@ -180,6 +183,11 @@ def test_after_a_minute_of_lies_too(mode: str) -> None:
 def test_a_speed_that_was_believed_too_low_does_not_lock_the_truth_out(error_mps: float) -> None:
     # Before there were candidates the truth stayed refused for 62 s, and to the end.
     assert recovery_cycles("ENTRY", "NAV_VERTICAL", "v_rel_mps", error_mps, 10.0) <= RECOVERY_CYCLES
+
+
+def test_an_end_of_the_law_by_a_false_speed_is_taken_back() -> None:
+    found = recovery_cycles("ENTRY", "NAV_VERTICAL", "v_rel_mps", -350.0, 0.7, 5690.0)
+    assert AGREEING_CYCLES < found <= RECOVERY_CYCLES  # the lie was believed, and ended the law
 
 
 def range_km(law: str, first: int, peak_by: str) -> float:
