@@ -19,14 +19,14 @@ from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.telemetry.writer import CHECKSUM, MANIFEST, RecordingWriter, checksum_of
 from tests.sim_harness.recordings import DBC
 from tests.sim_harness.recordings import MANIFEST as TOLD
-from tools.cli import app
+from tools.cli import application
 
 CASES = Path(__file__).parents[1] / "fuzz" / "found" / "recordings"
 
 
 def run(*arguments: str | Path) -> Result:
     """One command."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(application(), [str(argument) for argument in arguments])
 
 
 def test_a_record_of_nine_exabytes_is_told_and_what_is_before_it_is_kept() -> None:
