@@ -14,10 +14,9 @@ import numpy as np
 
 from flight_sw.fields import RecordSpec
 from flight_sw.load_image import HEADER, body_spec, parse_image
-from flight_sw.reception import ARM
 from sim_harness.dispersions import draw, fixed
 from sim_harness.documents import json_of
-from sim_harness.flight import FlightPlan, FlightRun, hand_over, memory_loop
+from sim_harness.flight import ARM, FlightPlan, FlightRun, hand_over, memory_loop
 from sim_harness.mission import GAINS, SHIPPED, Mission, load_mission
 from tests.fuzz.children import Kind
 from tests.fuzz.mutate import mutated
