@@ -127,11 +127,15 @@ def test_the_kept_campaigns_are_told(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(CASES / name, tmp_path / name)
+    shutil.copy(GAINS / "hyperion-1" / "lqy.load", tmp_path / name)  # of today's layout
     damaged = "campaign.json" if "manifest" in name else "results.parquet"
     for told in refusals(tmp_path / name, capsys):
         assert f"{damaged}: " in told
-    before = {p.name: p.read_bytes() for p in (tmp_path / name).iterdir()}
-    assert before == {p.name: p.read_bytes() for p in (CASES / name).iterdir()}
+    kept = [path for path in (CASES / name).iterdir() if path.suffix != ".load"]
+    assert all((tmp_path / name / p.name).read_bytes() == p.read_bytes() for p in kept)
+    assert sorted(p.name for p in (tmp_path / name).iterdir() if p.suffix != ".load") == sorted(
+        p.name for p in (CASES / name).iterdir()
+    )
 
 
 def with_column(path: Path, name: str, values: pa.Array | None) -> None:
@@ -227,6 +231,17 @@ def test_a_small_file_that_claims_much_is_refused_before_it_is_read(tmp_path: Pa
     assert (tmp_path / "b.parquet").stat().st_size < 3_000_000
     with pytest.raises(FlightError, match="cannot be read"):
         read_columns(tmp_path / "b.parquet", 1000, ("run",), "it")
+
+
+def test_a_text_that_no_flight_told_is_read_whatever_kind_it_was_kept_as(made: Path) -> None:
+    for kind in (pa.float64(), pa.string(), pa.null()):
+        table = pq.read_table(made / "results.parquet")
+        if "end_trigger" in table.column_names:
+            table = table.drop_columns(["end_trigger"])
+        table = table.append_column("end_trigger", pa.nulls(N, kind))
+        pq.write_table(table, made / "results.parquet")
+        found = read_results(made, read_manifest(made))
+        assert found["end_trigger"].to_pylist() == [None] * N
 
 
 # --- the journal -------------------------------------------------------------------------------

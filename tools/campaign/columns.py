@@ -87,14 +87,15 @@ def read_columns(path: Path, rows: int, needed: tuple[str, ...], told_by: str) -
             raise FlightError(f"{path}: has no column {name}: not that of a campaign")
     for field in schema:
         wanted = "text" if field.name in TEXTS else "number"
-        if _kind(field.type) != wanted and not pa.types.is_null(field.type):
+        may_be_empty = field.name in TEXTS and _kind(field.type) == "number"  # see `_plain`
+        if _kind(field.type) != wanted and not pa.types.is_null(field.type) and not may_be_empty:
             raise refused(path, f"column {short(field.name)} holds {field.type}")
-    texts = [field.name for field in schema if field.name in TEXTS]
+    texts = [field.name for field in schema if _kind(field.type) == "text"]
     size = path.stat().st_size
     try:
         file = pq.ParquetFile(path, read_dictionary=texts, page_checksum_verification=True)
         table = file.read(use_threads=False)
-        columns = {name: _plain(table[name], bound(size)) for name in schema.names}
+        columns = {name: _plain(table[name], name, bound(size)) for name in schema.names}
         found = pa.table(columns)
         found.validate(full=True)
         for name in needed:
@@ -107,8 +108,15 @@ def read_columns(path: Path, rows: int, needed: tuple[str, ...], told_by: str) -
     return found
 
 
-def _plain(column: pa.ChunkedArray, bytes_max: int) -> pa.ChunkedArray:
-    """Texts as such, where they are not too many: the file keeps equal ones once."""
+def _plain(column: pa.ChunkedArray, name: str, bytes_max: int) -> pa.ChunkedArray:
+    """Texts as such, where they are not too many: the file keeps equal ones once.
+
+    Campaigns have kept a text that no flight told as numbers, none of them there.
+    """
+    if name in TEXTS and _kind(column.type) == "number":
+        if column.null_count < len(column):
+            raise ValueError(f"column {name} holds {column.type}")
+        return pa.chunked_array([pa.nulls(len(column), pa.string())])
     if not pa.types.is_dictionary(column.type):
         return column
     total = 0

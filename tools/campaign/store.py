@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
 from sim_harness.dispersions import Samples
-from tools.campaign.columns import write_table
+from tools.campaign.columns import TEXTS, write_table
 from tools.campaign.folder import (
     GROUP_ROWS,
     JOURNAL,
@@ -211,7 +211,7 @@ class Store:
     def finish(self) -> None:
         """Make results.parquet of the journal, in order of runs, a group of rows at a time."""
         self._spool.finish(self.plan.n)
-        schema = pa.schema([(key, kind_of(found)) for key, found in self._in_order()])
+        schema = pa.schema([(key, kind_of(found, key)) for key, found in self._in_order()])
         temporary = self.folder / (RESULTS + ".new")
         with pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer:
             group: list[dict[str, Any]] = []
@@ -249,8 +249,10 @@ def end_unfinished_line(journal: Any) -> None:
             journal.flush()
 
 
-def kind_of(found: set[type]) -> pa.DataType:
-    """The column type for the values seen; a column without any is of numbers."""
+def kind_of(found: set[type], key: str = "") -> pa.DataType:
+    """The column type for the values seen; a column without any is of texts where it should."""
+    if key in TEXTS:
+        return pa.string()
     if found == {int, float} or not found:
         return pa.float64()
     return KINDS[next(iter(found))] if len(found) == 1 else pa.string()
