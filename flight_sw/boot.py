@@ -36,6 +36,7 @@ from flight_sw.executive import (
 )
 from flight_sw.guidance import LAWS
 from flight_sw.histogram import filled_bins_us, percentiles_us
+from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
@@ -44,7 +45,6 @@ from flight_sw.streams import say, tell
 SLICE_NS = 100_000_000  # between two looks at signals
 ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
-SLOW_COMPILE_S = 2.0  # a boot that takes longer says what it waits for
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILES = "flight computer: compiling law"
 COMPILING, READY = 0, 1
@@ -148,15 +148,10 @@ class FlightComputer:
             say(f"{NOT_PERMITTED} {'; '.join(words)}")
 
     def compile(self) -> None:
-        """Load or make the machine code; says so if it takes long."""
+        """Load or make the machine code; says so if it has to be made."""
         start_s = time.monotonic()
-        notice = threading.Timer(
-            SLOW_COMPILE_S,
-            lambda: say(f"{COMPILES} '{self.image.law}' for this processor, once"),
-        )
-        notice.start()
-        self._serve(new_state(self.image.law), self.executive.copy(), 0)
-        notice.cancel()
+        with on_compiling(lambda: say(f"{COMPILES} '{self.image.law}' for this processor")):
+            self._serve(new_state(self.image.law), self.executive.copy(), 0)
         self.compile_s = time.monotonic() - start_s
 
     def discard(self) -> None:

@@ -12,34 +12,22 @@ import numpy.typing as npt
 from flight_sw import icd, modes, status
 from flight_sw import plausibility as gate
 from flight_sw.can.codec import pack
-from flight_sw.can.e2e import counter_of, protect
-from flight_sw.can.receiver import (
-    IMPLAUSIBLE,
-    RX_STATE,
-    WRONG_SEQUENCE,
-    accept,
-    is_valid,
-    judge,
-    receiver_reset,
-    receiver_tick,
-    refuse,
-    report_counters,
-)
-from flight_sw.dictionary import GUIDANCE, NAV, TICK_ID
+from flight_sw.can.e2e import protect
+from flight_sw.can.receiver import RX_STATE, receiver_tick, report_counters
+from flight_sw.candidate import CANDIDATE
+from flight_sw.dictionary import GUIDANCE, NAV
 from flight_sw.guidance import law_module, law_step
 from flight_sw.jit import kernel
 from flight_sw.limits import LIMITER, limit
+from flight_sw.onboard import FORCES
+from flight_sw.reception import ASIDE, NO_SLOT, close_set, receive
 from flight_sw.types_ import Frames, Record
 
-NAV_SLOTS = (gate.POSITION, gate.VERTICAL, gate.DIRECTION, gate.AERO, gate.ATTITUDE, gate.HEATING)
-REQUEST = icd.slot("GROUND_REQUEST")
 COMMAND = icd.slot("FSW_COMMAND")
 STATUS = icd.slot("FSW_STATUS")
 HEALTH = (icd.slot("RX_HEALTH_A"), icd.slot("RX_HEALTH_B"), icd.slot("RX_HEALTH_C"))
 TICKED = icd.value_index("RX_HEALTH_C", "ticked")
 
-REQUEST_CODE = icd.value_index("GROUND_REQUEST", "request")
-REQUEST_KEY = icd.value_index("GROUND_REQUEST", "load_crc32")
 BANK_CMD = icd.value_index("FSW_COMMAND", "bank_cmd_rad")
 ALPHA_CMD = icd.value_index("FSW_COMMAND", "alpha_cmd_rad")
 
@@ -55,9 +43,6 @@ SEAL = icd.value_index("FSW_STATUS", "command_seal")
 SEAL_SHIFTS = (np.uint64(16), np.uint64(32), np.uint64(48))
 SEAL_MASK = np.uint64(0xFFFF)
 
-ARM, STOP = 1, 2
-RESYNC_REFUSALS = 8  # time messages refused in a row that carry a right CRC: start afresh
-NO_SLOT = -1
 CYCLE_MODULUS = 1 << 20  # of the cycle number in FSW_STATUS
 COUNTER_MODULUS = 16
 
@@ -77,7 +62,6 @@ def state_dtype(law: str) -> np.dtype[np.void]:
             ("cycles_without_fix", "u4"),
             ("fixes_in_row", "u4"),
             ("incomplete_sets", "u4"),
-            ("time_refused", "u4"),  # in a row
             ("bank_saturated", "u4"),
             ("alpha_saturated", "u4"),
             ("tx_refused", "u4"),
@@ -86,6 +70,9 @@ def state_dtype(law: str) -> np.dtype[np.void]:
             ("accepted", "f8", (icd.N_VALUES,)),
             ("sent", "f8", (icd.N_VALUES,)),
             ("fresh", "i4", (icd.N_MESSAGES,)),  # counter of this cycle's message, -1: none
+            ("aside", ASIDE),
+            ("candidate", CANDIDATE),
+            ("modelled", FORCES.dtype),  # at the last fix, for a gate that asks
             ("tx_counter", "u4", (icd.N_MESSAGES,)),
             ("rx", RX_STATE),
             ("bank_limiter", LIMITER.dtype),
@@ -101,91 +88,27 @@ def new_state(law: str) -> npt.NDArray[np.void]:
     """A computer's state before its first frame, shape (1,)."""
     state = np.zeros(1, state_dtype(law))
     state["fresh"] = NO_SLOT
+    state["aside"]["counter"] = NO_SLOT
     state["cycle"] = CYCLE_MODULUS - 1
     return state
 
 
 @kernel
-def _take_request(load: Record, state: Record) -> None:
-    """Arm or stop, if the request names the load that is flying."""
-    received = state["accepted"]
-    if int(received[REQUEST_KEY]) != int(load["crc32"]):
-        return
-    request = int(received[REQUEST_CODE])
-    if request == ARM:
-        state["armed"] = 1
-    elif request == STOP:
-        state["stop"] = 1
-
-
-@kernel
-def _refuse_time(state: Record) -> None:
-    """Count a time message refused; after enough in a row believe the sender, not the memory."""
-    state["time_refused"] += 1
-    if state["time_refused"] >= RESYNC_REFUSALS:
-        state["time_refused"] = 0
-        state["had_fix"] = 0
-        receiver_reset(state["rx"])
-
-
-@kernel
-def receive(load: Record, state: Record, frame: Record) -> bool:
-    """Judge one frame and keep it if it is good; True when it closed a cycle.
-
-    A refused frame changes nothing but counters.
-    """
-    if frame["can_id"] == TICK_ID:
-        return True
-    codec = load["codec"]
-    rx = state["rx"]
-    received = state["received"]
-    slot, verdict = judge(codec, rx, frame, received)
-    if not is_valid(verdict):
-        if slot == gate.TIME and verdict == WRONG_SEQUENCE:
-            _refuse_time(state)
-        refuse(rx, verdict)
-        return False
-    if not gate.plausible(load, state, slot, received):
-        if slot == gate.TIME:
-            _refuse_time(state)
-        refuse(rx, IMPLAUSIBLE)
-        return False
-    counter = counter_of(frame["data"])
-    accept(rx, slot, counter, verdict)
-    accepted = state["accepted"]
-    first = codec["first_value"][slot]
-    for i in range(first, first + codec["n_signals"][slot]):
-        accepted[i] = received[i]
-    if slot == REQUEST:
-        _take_request(load, state)
-        return False
-    state["fresh"][slot] = counter
-    return slot == gate.TIME
-
-
-@kernel
 def _take_fix(load: Record, state: Record) -> None:
     """A fix is a set of navigation messages that all carry the time message's counter."""
-    fresh = state["fresh"]
-    accepted = state["accepted"]
-    counter = fresh[gate.TIME]
-    complete = counter != NO_SLOT
+    timed = state["fresh"][gate.TIME] != NO_SLOT
     passed_cycles = np.int64(1)
-    for slot in NAV_SLOTS:
-        complete = complete and fresh[slot] == counter
-    if counter != NO_SLOT:
-        state["time_refused"] = 0
-        cycle = np.int64(math.floor(accepted[gate.T] / load["dt_s"] + 0.5))
+    found = close_set(load, state)
+    if timed:
+        cycle = np.int64(math.floor(state["accepted"][gate.T] / load["dt_s"] + 0.5))
         # Cycles of which nothing came count too: the gates widen with all that passed.
         passed_cycles = max(cycle - np.int64(state["cycle"]), np.int64(1))
         state["cycle"] = cycle
-        if not complete:
+        if not found:
             state["incomplete_sets"] += 1
     else:
         state["cycle"] += 1
-    for slot in range(icd.N_MESSAGES):
-        fresh[slot] = NO_SLOT
-    if not complete:
+    if not found:
         state["fix_valid"] = 0
         state["fixes_in_row"] = 0
         state["cycles_without_fix"] += passed_cycles
@@ -194,19 +117,6 @@ def _take_fix(load: Record, state: Record) -> None:
     state["had_fix"] = 1
     state["fixes_in_row"] += 1
     state["cycles_without_fix"] = 0
-    nav = state["nav"]
-    nav["t_s"] = accepted[gate.T]
-    nav["lon_rad"] = accepted[gate.LON]
-    nav["lat_rad"] = accepted[gate.LAT]
-    nav["alt_m"] = accepted[gate.ALT]
-    nav["v_rel_mps"] = accepted[gate.SPEED]
-    nav["flight_path_angle_rad"] = accepted[gate.PATH_ANGLE]
-    nav["heading_rad"] = accepted[gate.HEADING_ANGLE]
-    nav["drag_mps2"] = accepted[gate.DRAG]
-    nav["lift_mps2"] = accepted[gate.LIFT]
-    nav["bank_rad"] = accepted[gate.BANK]
-    nav["alpha_rad"] = accepted[gate.ALPHA]
-    nav["heat_flux_wpm2"] = accepted[gate.HEAT_FLUX]
 
 
 @kernel

@@ -27,6 +27,7 @@ from flight_sw.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.guidance import law_step
 from flight_sw.histogram import HISTOGRAM, add
 from flight_sw.jit import kernel
+from flight_sw.reception import is_held_up
 from flight_sw.types_ import Frames, Record
 
 RUNNING, STOPPED, BUS_LOST = 0, 1, 2
@@ -49,6 +50,7 @@ EXECUTIVE = np.dtype(
         ("clocked", "i8"),  # 1: deadlines have replaced arrivals
         ("looked_ns", "i8"),  # when the bus was looked at without waiting; 0: it was waited for
         ("in_burst", "i8"),  # 1: the last frames did not close a cycle, more will follow at once
+        ("silent_slices", "i8"),  # calls in a row that brought no frame
         ("full_in_row", "i8"),  # receptions that brought as many frames as there is room for
         ("period_ns", "i8"),  # of a minor frame on the clock; lockstep has none
         ("cycles", "i8"),
@@ -74,6 +76,7 @@ EXECUTIVE = np.dtype(
 )
 """The loop's own account; it reads the clock, so it stays outside the computer's state."""
 
+SILENT_SLICES = 2  # in lockstep, then a set whose time message was refused is a cycle all the same
 OVERDUE_DIVIDER = 2  # a time message is overdue half a period after it was due
 PHASE_SHIFT = 3  # a late arrival moves the next by an eighth of its lateness, an early one wholly
 PHASE_CYCLES = 32  # frame-synchronised ones before a clocked computer trusts their phase
@@ -264,7 +267,9 @@ def _telemeter(load: Record, executive: Record, tx: Frames, n_tx: int, now_ns: i
 @kernel
 def _is_overdue(account: Record, state: Record, before: int) -> bool:
     """Whether a look at the bus, taken when the time message was overdue, has not brought it."""
-    if account["synchronisation"] == LOCKSTEP or account["due_ns"] == 0 or state["stop"] == 1:
+    if account["synchronisation"] == LOCKSTEP:
+        return account["silent_slices"] >= SILENT_SLICES and is_held_up(state)
+    if account["due_ns"] == 0 or state["stop"] == 1:
         return False
     if int(state["cycles_run"]) != before or 0 < account["full_in_row"] < FULL_IN_ROW_MAX:
         return False
@@ -329,6 +334,10 @@ def serve(
         if n_rx < 0 or _is_lost(account, woken_ns):
             return BUS_LOST
         before = int(state[0]["cycles_run"])
+        if n_rx > 0:
+            account["silent_slices"] = 0
+        elif woken_ns >= end_ns:
+            account["silent_slices"] += 1
         n_tx = minor_frame(load[0], state[0], rx, n_rx, tx)
         in_burst = account["synchronisation"] == LOCKSTEP and n_rx > 0 and n_tx == 0
         account["in_burst"] = 1 if in_burst else 0

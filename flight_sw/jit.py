@@ -6,22 +6,20 @@ every source file they can depend on (numba itself only looks at the file a kern
 that a changed constant, callee or DBC never meets a stale kernel.
 """
 
-import contextlib
 import hashlib
 import os
 import platform
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
 import numpy as np
 
-from flight_sw.kernel_cache import serialise_saves
+from flight_sw.kernel_cache import KernelCache, KernelFolder
 
 FLAGS: dict[str, Any] = {
-    "cache": True,
     "nogil": True,
     "fastmath": False,
     "error_model": "numpy",
@@ -32,24 +30,30 @@ FLAGS: dict[str, Any] = {
     "forceinline": True,
 }
 CACHE_VARIABLE = "AEROSHELL_CACHE_DIR"
+VERSIONS = (
+    numba.__version__, llvmlite.__version__, np.__version__, platform.python_version(),
+)  # fmt: skip
 SOURCE_SUFFIXES = (".py", ".dbc")
 FLIGHT_ROOT = Path(__file__).parent
 config: Any = numba.config
-FOLDERS_KEPT = 12  # versions of the sources whose kernels stay cached, most recently used first
+NOWHERE = Path(os.devnull) / "kernels"  # cannot be made: kernels are compiled in memory
 
 
 def cache_root() -> Path:
     """Folder that holds the compiled kernels of every version of the sources."""
-    if chosen := os.environ.get(CACHE_VARIABLE):
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "aeroshell"
+    try:
+        if chosen := os.environ.get(CACHE_VARIABLE):
+            return Path(chosen).absolute()
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        return Path(base).absolute() / "aeroshell"
+    except (OSError, RuntimeError):  # the working folder was removed, the user has no home
+        return NOWHERE
 
 
 def source_hash(*roots: Path) -> str:
     """Hash over all sources below `roots`, the compiler's version and its debug switches."""
     digest = hashlib.sha256()
-    digest.update(f"{numba.__version__} {np.__version__} {platform.python_version()}".encode())
+    digest.update(" ".join(VERSIONS).encode())
     digest.update(f"boundscheck={config.BOUNDSCHECK}".encode())
     for root in roots:
         for path in sorted(p for p in root.rglob("*") if p.suffix in SOURCE_SUFFIXES):
@@ -58,29 +62,20 @@ def source_hash(*roots: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _open_folder(folder: Path) -> None:
-    """Make the cache folder, mark it used, and drop those not used for longest."""
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        others = sorted(folder.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
-        for old in others[FOLDERS_KEPT:]:
-            shutil.rmtree(old, ignore_errors=True)
+def kernel_folder(*roots: Path) -> KernelFolder:
+    """Where the compiled kernels of these sources are kept; made when the first is saved."""
+    return KernelFolder(cache_root() / source_hash(*roots))
 
 
 def kernel_decorator(*roots: Path) -> Callable[..., Any]:
     """The decorator of all kernels that depend on nothing outside `roots`."""
-    folder = str(cache_root() / source_hash(*roots))
-    _open_folder(Path(folder))
-    serialise_saves()
+    folder = kernel_folder(*roots)
 
     def kernel(function: Callable[..., Any]) -> Any:
-        before = config.CACHE_DIR
-        config.CACHE_DIR = folder
-        try:
-            return numba.njit(function, **FLAGS)
-        finally:
-            config.CACHE_DIR = before
+        compiled = numba.njit(function, **FLAGS)
+        if not config.DISABLE_JIT:
+            compiled._cache = KernelCache(function, folder)
+        return compiled
 
     return kernel
 

@@ -24,6 +24,7 @@ from flight_sw.onboard import ONBOARD
 from flight_sw.plausibility import GATES
 from flight_sw.types_ import Record
 
+BYTES_MAX = 4_000_000  # an image has some 100,000
 MAGIC = b"AEROLOAD"
 VERSION = 1
 
@@ -186,9 +187,12 @@ def read_image(path: Path) -> LoadImage:
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
             raise LoadError(f"{path}: is not a file")
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(BYTES_MAX + 1)
     except OSError as error:
         raise LoadError(f"{path}: cannot be read ({error.strerror})") from error
+    if len(raw) > BYTES_MAX:
+        raise LoadError(f"{path}: more than {BYTES_MAX:,} bytes: not a load image")
     return parse_image(raw, str(path))
 
 
@@ -211,18 +215,24 @@ def parse_image(raw: bytes, where: str) -> LoadImage:
         raise LoadError(f"{where}: crc32 is 0x{found:08x}, its header says 0x{crc32:08x}")
     law = header["law"][0].decode(errors="replace")
     if law not in LAWS:
-        raise LoadError(f"{where}: law is '{law}', this computer has {', '.join(LAWS)}")
+        raise LoadError(f"{where}: law is {law!r}, this computer has {', '.join(LAWS)}")
     spec = body_spec(law)
     layout = header["layout"][0].decode(errors="replace")
     if layout != layout_hash(law):
         raise LoadError(
-            f"{where}: layout is {layout}, this computer's '{law}' load has {layout_hash(law)}"
+            f"{where}: layout is {layout if layout.isalnum() else repr(layout)}, "
+            f"this computer's '{law}' load has {layout_hash(law)}"
         )
     if size != spec.dtype.itemsize:
         raise LoadError(f"{where}: body of {size} bytes, law '{law}' has {spec.dtype.itemsize}")
+    mission = header["mission"][0].decode(errors="replace")
+    if not mission.isprintable():
+        raise LoadError(
+            f"{where}: mission is {mission!r}, allowed a name without control characters"
+        )
     body = np.frombuffer(raw, spec.dtype, 1, HEADER.itemsize).copy()
     spec.check(body[0], f"{where}: {law}")
-    return LoadImage(law, header["mission"][0].decode(errors="replace"), crc32, body)
+    return LoadImage(law, mission, crc32, body)
 
 
 def _cycle_ms(slot: int) -> int:

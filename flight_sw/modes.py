@@ -16,6 +16,9 @@ SLOW = 4  # below the speed at which the law ends
 NAV_LOST = 8  # no fix for longer than the time-out
 NAV_BACK = 16  # fixes again, enough of them in a row
 BACK_IN_ENTRY = 32  # the same, and deceleration is sensed: no detour by the attitude of coasting
+FAST_AGAIN = 64  # as many fixes, and well above the speed at which the law ends: it was no such end
+
+FAST_AGAIN_RATIO = 1.05  # of that speed, so that noise about it ends nothing twice
 
 TRANSITIONS = (  # first matching row wins
     (STANDBY, READY, COAST),
@@ -23,6 +26,7 @@ TRANSITIONS = (  # first matching row wins
     (ENTRY, NAV_LOST, SAFE),
     (COAST, ENTRY_SENSED, ENTRY),
     (ENTRY, SLOW, TERMINAL),
+    (TERMINAL, FAST_AGAIN, ENTRY),
     (SAFE, BACK_IN_ENTRY, ENTRY),
     (SAFE, NAV_BACK, COAST),
 )
@@ -72,4 +76,6 @@ def conditions(design: Record, state: Record) -> int:
         bits |= NAV_BACK
         if bits & ENTRY_SENSED:
             bits |= BACK_IN_ENTRY
+        if nav["v_rel_mps"] > FAST_AGAIN_RATIO * design["terminal_speed_mps"]:
+            bits |= FAST_AGAIN
     return bits

@@ -1,6 +1,5 @@
 """From a mission file to the records of the world: units turn to SI here and nowhere else."""
 
-import csv
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flight_sw.errors import MissionError
-from sim_harness import vehicle
+from sim_harness import documents, vehicle
 from sim_harness.assembly_navigation import fill_navigation
 from sim_harness.mission_keys import (
     Axis,
@@ -167,19 +166,18 @@ def csv_sentence(name: str, error: Any) -> str:
 
 def read_csv(path: Path) -> dict[str, Any]:
     """Columns by name."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError) as error:
-        raise MissionError(f"{path.name}: atmosphere table cannot be read: {error}") from None
-    header = [name.strip() for name in rows[0]] if rows else []
+    rows = documents.read_csv(path)
+    header = rows[0][1] if rows else []
     unknown = [name for name in header if name not in CSV_COLUMNS]
-    if unknown or not header:
+    if unknown or not header or len(set(header)) < len(header):
+        told = documents.short(",".join(header))
+        why = ", separated by semicolons" if any(";" in name for name in header) else ""
+        why = why or (", a column twice" if header and not unknown else "")
         raise MissionError(
-            f"{path.name}: header is {','.join(header)}, allowed columns {', '.join(CSV_COLUMNS)}"
+            f"{path.name}: header is {told}{why}, allowed columns {', '.join(CSV_COLUMNS)}"
         )
     columns: dict[str, list[float]] = {name: [] for name in header}
-    for number, row in enumerate(rows[1:], start=2):
+    for number, row in rows[1:]:
         if len(row) != len(header):
             raise MissionError(
                 f"{path.name}: line {number} has {len(row)} values, allowed {len(header)}"
@@ -189,7 +187,8 @@ def read_csv(path: Path) -> dict[str, Any]:
                 columns[name].append(float(text))
             except ValueError:
                 raise MissionError(
-                    f'{path.name}: line {number}, {name} is "{text}", allowed a number'
+                    f"{path.name}: line {number}, {name} is {documents.quoted(text)}, "
+                    "allowed a number"
                 ) from None
     return columns
 

@@ -13,7 +13,6 @@ from flight_sw import icd
 from flight_sw.boot import READY
 from flight_sw.can.address import frames_dropped, open_bus
 from flight_sw.can.sockets import new_io, send_frames
-from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import BusError, FlightError
 from flight_sw.privileges import (
@@ -24,6 +23,7 @@ from flight_sw.privileges import (
     take_priority,
     unlock_memory,
 )
+from flight_sw.reception import ARM, STOP
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import no_ear, socket_ear
@@ -93,9 +93,9 @@ class BusFlight:
         address = plan.bus
         if plan.bus == "unix":
             path = resources.enter_context(bus_place())
-            run.waiting("compiling the bus for this processor, once")
-            hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded)
-            self.ear = resources.enter_context(hub).ear
+            with run.compiling("the bus"):
+                hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded)
+                self.ear = resources.enter_context(hub).ear
             address = f"unix:{path}"
         elif plan.recorded:  # before the socket for the answers, so that it hears them first
             self.ear = socket_ear(self._open(resources, address).fileno())
@@ -159,9 +159,9 @@ class BusFlight:
             now_s = time.monotonic()
             if state != NOT_BOOT:
                 heard_s, silence_max_s = now_s, SIGN_OF_LIFE_S
+                does = "compiles" if self.computer and self.computer.is_compiling else "loads"
                 self.run.waiting(
-                    f"flight computer compiles law '{self.run.image.law}' for this processor, "
-                    f"once ({now_s - start_s:.0f} s)"
+                    f"flight computer {does} law '{self.run.image.law}' ({now_s - start_s:.0f} s)"
                 )
             if now_s - heard_s > silence_max_s:
                 raise FlightError(
@@ -178,8 +178,7 @@ class BusFlight:
         """Compile, wait for the computer, arm, fly, stop, take its report."""
         run = self.run
         start_s = time.perf_counter()
-        run.waiting("compiling the flight loop for this processor, once")
-        with self._hearing():
+        with run.compiling("the flight loop"), self._hearing():
             if run.plan.pace > 0.0:
                 fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
             else:

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from flight_sw.boot import COMPILES, NOT_PERMITTED
 from flight_sw.errors import FlightError
+from flight_sw.kernel_cache import NOTICE
 
 END_TIMEOUT_S = 3.0  # for the report and a clean exit after a stop request
 PACKAGE_PARENT = Path(__file__).resolve().parents[1]
@@ -60,6 +61,8 @@ class ComputerProcess:
             env=own_environment(),
         )
         self._words: list[str] = []
+        self.is_compiling = False
+        """It has said so; whether it has ended is for FSW_BOOT to tell."""
         self._warn = warn
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -69,7 +72,9 @@ class ComputerProcess:
         for line in self._process.stderr:
             if line.startswith(NOT_PERMITTED):
                 self._warn(line.strip())
-            elif not line.startswith(COMPILES):  # neither says why it ended
+            elif line.startswith(COMPILES):
+                self.is_compiling = True
+            elif not line.startswith(NOTICE):  # none of these says why it ended
                 self._words = [*self._words, line.strip()][-LAST_WORDS:]
 
     @property

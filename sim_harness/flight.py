@@ -7,7 +7,8 @@ the bus; its standard output only brings the report of its own timing when it ha
 import hashlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -18,11 +19,13 @@ import numpy.typing as npt
 from flight_sw import icd
 from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import VERDICTS
-from flight_sw.computer import ARM, STOP, minor_frame, new_state
+from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
+from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, parse_image
+from flight_sw.reception import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear
 from sim_harness.error_watch import ErrorWatch
@@ -167,6 +170,13 @@ class FlightRun:
         """Tell the listeners what is waited for."""
         for listener in self.listeners:
             listener.waiting(text)
+
+    @contextmanager
+    def compiling(self, what: str) -> Iterator[None]:
+        """Tell the listeners if something is compiled in this block, and when it is over."""
+        with on_compiling(lambda: self.waiting(f"compiling {what} for this processor")):
+            yield
+        self.waiting("")
 
     def request(self, code: int) -> Frames:
         """The frame of a request to the flight computer, logged as sent unless an ear hears it."""
@@ -347,13 +357,12 @@ def fly_memory(run: FlightRun, timed_every: int = TIMED_EVERY) -> None:
     One of so many steps of the computer is timed; 0: none.
     """
     start_s = time.perf_counter()
-    run.waiting("compiling the flight loop for this processor, once")
-    chunk, state, step_time = memory_loop(run, timed_every)
-    chunk(0)
-    armed = run.request(ARM)
-    hand_over(run.load, state, armed, len(armed), run.tx)
+    with run.compiling("the flight loop"):
+        chunk, state, step_time = memory_loop(run, timed_every)
+        chunk(0)
+        armed = run.request(ARM)
+        hand_over(run.load, state, armed, len(armed), run.tx)
     run.compile_s = time.perf_counter() - start_s
-    run.waiting("")
     run.fly(lambda: chunk(run.chunk_cycles))
     stop = run.request(STOP)
     hand_over(run.load, state, stop, len(stop), run.tx)

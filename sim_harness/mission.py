@@ -1,6 +1,6 @@
 """Missions: loading a shipped one or a file of one's own, with overrides, and its records."""
 
-import tomllib
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from flight_sw.errors import MissionError
 from sim_harness.air_keys import AerodynamicDeviation, DensityDeviation, Wind
 from sim_harness.dispersion_keys import Dispersions, Judgement, Requirement, grouped
+from sim_harness.documents import quoted, read_toml, short
 from sim_harness.mission_errors import (
     TAG,
     annotation_at,
@@ -18,7 +19,7 @@ from sim_harness.mission_errors import (
     item_of,
     nearest,
     sections_of,
-    sentence,
+    sentences,
 )
 from sim_harness.mission_keys import (
     Actuators,
@@ -36,7 +37,7 @@ from sim_harness.mission_keys import (
 )
 from sim_harness.navigation_keys import Navigation
 from sim_harness.place_keys import NoFlyZone, Waypoint
-from sim_harness.quantities import Section, Text, is_name, refusal
+from sim_harness.quantities import Section, Text, is_name, plain, refusal
 
 SHIPPED = Path(__file__).parent / "missions"
 GAINS = Path(__file__).parents[1] / "gains"
@@ -173,8 +174,7 @@ def mission_of(raw: dict[str, Any], path: Path, label: str) -> Mission:
     try:
         mission = Mission.model_validate(raw)
     except ValidationError as error:
-        lines = [f"{label}: {sentence(Mission, raw, e)}" for e in error.errors()]
-        raise MissionError("\n".join(lines)) from None
+        raise MissionError("\n".join(sentences(Mission, raw, error, label))) from None
     mission._path = path
     mission.world()  # reads what the mission refers to, and refuses what cannot be flown
     return mission
@@ -185,29 +185,17 @@ def find(name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     if text.endswith(SUFFIX) or "/" in text:
         path = Path(text)
-        if not path.is_file():
-            raise MissionError(f"mission file {text} does not exist or is not a file")
+        if not os.path.isfile(path):
+            raise MissionError(f"mission file {short(text)} does not exist or is not a file")
         return path
     path = SHIPPED / f"{text}{SUFFIX}"
-    if not is_name(text) or not path.is_file():
+    if not is_name(text) or not os.path.isfile(path):
         names = [p.stem for p in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
         raise MissionError(
-            f'mission "{text}" is not shipped{nearest(text, names)}; '
+            f"mission {quoted(text)} is not shipped{nearest(text, names)}; "
             f"allowed {', '.join(names)} or the path of a {SUFFIX} file"
         )
     return path
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The file as nested dictionaries."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise MissionError(f"{path.name}: is not TOML: {error}") from None
-    except UnicodeDecodeError as error:
-        raise MissionError(f"{path.name}: is not UTF-8 text at byte {error.start}") from None
-    except OSError as error:
-        raise MissionError(f"{path.name}: cannot be read: {error.strerror}") from None
 
 
 def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
@@ -260,7 +248,10 @@ def resolve(key: str, known: list[str]) -> str:
         return matches[0]
     if matches:
         raise MissionError(f"{key} is ambiguous, allowed {', '.join(matches)}")
-    raise MissionError(f"{key} is not a known key{nearest(key, known)}; allowed {', '.join(known)}")
+    raise MissionError(
+        f"{short(key)} is not a known key{nearest(key, known)}; "
+        f"allowed are {len(known)} keys, docs/missions.md lists those of a mission"
+    )
 
 
 def models_first(keys: Iterable[str]) -> list[str]:
@@ -276,6 +267,8 @@ def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:
         table = raw
         for parent in parents:
             table = table.setdefault(parent, {})
+            if not isinstance(table, dict):
+                raise MissionError(f"{key}: {parent} is {plain(table)}, allowed a table")
         table[leaf] = value_of(overrides[key])
         after = annotation_at(Mission, raw, tuple(parents))
         if leaf == TAG and after is not before and isinstance(after, type):

@@ -5,17 +5,20 @@ from collections.abc import Iterable
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from sim_harness.documents import short
 from sim_harness.quantities import Quantity, Section, Text, plain
 
 TAG = "model"
+WORD_MAX = 100  # characters of a word that another is looked for
+SENTENCES_MAX = 10  # about one file
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """`, nearest is ...` when something known resembles the word, else nothing."""
-    names = list(known)
+    names, word = list(known), word[:WORD_MAX]
     leaves = {name.rsplit(".", 1)[-1]: name for name in names}
     if close := difflib.get_close_matches(word, names, 1, 0.5):
         return f", nearest is {close[0]}"
@@ -111,7 +114,7 @@ def written(path: tuple[int | str, ...]) -> str:
         if isinstance(key, int):
             text += f" {key + 1}"
         elif not (key == "keys" and i == 2 and path[0] == "dispersions" and len(path) > 3):
-            text += f".{key}" if text else key
+            text += f".{short(key)}" if text else short(key)
     return text
 
 
@@ -163,3 +166,11 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
         case _:
             allowed = shape_of(error) or allowed_of(parent, key)
             return f"{where} is {plain(error['input'])}, allowed {allowed}"
+
+
+def sentences(root: type[BaseModel], raw: Any, error: ValidationError, label: str) -> list[str]:
+    """What is wrong with a file, a sentence each; of very many the first ones."""
+    found = error.errors(include_url=False)
+    lines = [f"{label}: {sentence(root, raw, e)}" for e in found[:SENTENCES_MAX]]
+    more = len(found) - len(lines)
+    return [*lines, f"{label}: {more:,} more are refused"] if more else lines

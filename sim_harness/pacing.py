@@ -14,9 +14,9 @@ import numpy as np
 
 from flight_sw.can.libc import monotonic_ns, sched_yield, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.computer import ARM, STOP
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
+from flight_sw.reception import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import hear
 from sim_harness.jit import kernel

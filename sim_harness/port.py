@@ -12,6 +12,7 @@ from flight_sw.can.codec import pack
 from flight_sw.can.e2e import counter_of, protect
 from flight_sw.can.error_frames import ERRORS, note_error
 from flight_sw.can.receiver import RX_STATE, accept, is_valid, judge, receiver_tick, refuse
+from flight_sw.candidate import NAV_SLOTS
 from flight_sw.computer import (
     ALPHA_CMD,
     ALPHA_SATURATED,
@@ -24,17 +25,14 @@ from flight_sw.computer import (
     FIX_VALID,
     LAW_STATUS,
     MODE,
-    NAV_SLOTS,
     PHASE,
-    REQUEST,
-    REQUEST_CODE,
-    REQUEST_KEY,
     SEAL,
     STATUS,
     TRACKING,
     seal_of,
 )
 from flight_sw.plausibility import TIME
+from flight_sw.reception import REQUEST, REQUEST_CODE, REQUEST_KEY
 from flight_sw.types_ import Frames, Record
 from sim_harness.jit import kernel
 

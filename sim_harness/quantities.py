@@ -14,6 +14,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from flight_sw import icd
 from flight_sw.fields import RecordSpec
+from sim_harness.documents import quoted, short
 
 INF = math.inf
 NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
@@ -26,14 +27,24 @@ def refusal(text: str) -> PydanticCustomError:
 
 
 def plain(value: object) -> str:
-    """A value as the mission file would show it."""
+    """A value as the mission file would show it, cut where it is long."""
     if isinstance(value, str):
-        return f'"{value}"'
+        return quoted(value)
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
         return f"{value:.12g}"
-    return str(value)
+    return "null" if value is None else short(str(value))
+
+
+def number_of(value: object) -> float:
+    """What TOML calls a number, as a float; anything else as no number."""
+    if not is_number(value):
+        return math.nan
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except OverflowError:  # an integer beyond all floats, which is not infinity
+        return math.nan
 
 
 def is_number(value: object) -> bool:
@@ -69,9 +80,10 @@ class Quantity:
 
     def check(self, value: object) -> float:
         """The value as a float, or a refusal."""
-        if not is_number(value) or not self.holds(float(value)):  # type: ignore[arg-type]
+        number = number_of(value)
+        if not self.holds(number):
             raise refusal(f"is {plain(value)}, allowed {self.allowed}")
-        return float(value)  # type: ignore[arg-type]
+        return number
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler
@@ -101,11 +113,13 @@ class Series(Quantity):
         if not self.length_min <= len(value) <= self.length_max:
             raise refusal(f"has {len(value)} values, allowed {self.allowed}")
         for i, item in enumerate(value):
-            if not is_number(item) or not self.holds(float(item)):
+            if not self.holds(number_of(item)):
                 raise refusal(f"value {i + 1} is {plain(item)}, allowed {self.allowed}")
             if self.ascending and i > 0 and not item > value[i - 1]:
-                raise refusal(f"value {i + 1} is {plain(item)}, allowed above {value[i - 1]}")
-        return tuple(float(item) for item in value)
+                raise refusal(
+                    f"value {i + 1} is {plain(item)}, allowed above {plain(value[i - 1])}"
+                )
+        return tuple(number_of(item) for item in value)
 
     def __get_pydantic_core_schema__(
         self, source: object, handler: GetCoreSchemaHandler

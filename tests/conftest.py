@@ -26,23 +26,22 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 
-def _is_writable(folder: Path) -> bool:
+def _keeps_kernels(folder: kernel_cache.KernelFolder) -> bool:
+    """Whether kernels will be found there again; it is there from here on."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
+        folder.open()
+        tempfile.TemporaryFile(dir=folder.path).close()
     except OSError:
         return False
-    return True
+    return folder.trusted()
 
 
-# Before any kernel is imported: where the usual folder cannot be written, this session has one of
+# Before any kernel is imported: where the usual folder cannot be used, this session has one of
 # its own. Parallel workers and the processes that tests start inherit the variable.
-if not _is_writable(jit.cache_root()):
+if not _keeps_kernels(jit.kernel_folder(jit.FLIGHT_ROOT)):
     _SESSION_CACHE = tempfile.TemporaryDirectory(prefix="aeroshell-kernels-")
     os.environ[jit.CACHE_VARIABLE] = _SESSION_CACHE.name
     jit.kernel = jit.kernel_decorator(jit.FLIGHT_ROOT)
-
-kernel_cache.serialise_saves()
 
 # Tests interrupt processes that they start. A suite that was itself started in the background
 # inherits an ignored SIGINT, and would hand it on.

@@ -1,11 +1,11 @@
 """A flight's timing, as its summary or its recording tells it."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError
+from sim_harness.documents import DocumentError, json_of, read_json
 from sim_harness.summary import TIMING_KEY
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
@@ -64,13 +64,7 @@ class FlightTiming(NamedTuple):
 
 
 def _from_summary(path: Path) -> Any:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise TimingError(f"{path}: cannot be read, {error.strerror}") from error
-    except ValueError as error:
-        raise TimingError(f"{path}: is no summary of a flight, it is not JSON") from error
-    return found
+    return read_json(path, TimingError)
 
 
 def _from_recording(path: Path) -> Any:
@@ -80,9 +74,9 @@ def _from_recording(path: Path) -> Any:
         why = "" if recording.is_complete else ", its recorder was cut off"
         raise TimingError(f"{path}: holds no timing{why}")
     try:
-        return json.loads(text)
-    except ValueError as error:
-        raise TimingError(f"{path}: its timing is not JSON") from error
+        return json_of(text.encode())
+    except DocumentError as error:
+        raise TimingError(f"{path}: its timing {error}") from error
 
 
 def _file_of(flight: Path) -> Path:
@@ -119,7 +113,7 @@ def read_timing(flight: Path) -> FlightTiming:
         flown, counts = ({key: told[key] for key in keys} for keys in (FLOWN, COUNTS))
         measured = _measured(told["timing"])
         stolen_s = told["timing"]["harness"].get("stolen_s")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise TimingError(f"{path}: holds no timing, or one of another version") from error
     if not measured:
         raise TimingError(f"{path}: holds no timing, nothing of the flight was measured")

@@ -4,6 +4,7 @@ A mission key changes the world. Those that the flight computer is told of (the 
 rate) change its load too; a design key changes only the load, which is then made anew.
 """
 
+import shlex
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import read_image
+from sim_harness.documents import read_toml, short
 from sim_harness.mission import (
     SHIPPED,
     Mission,
@@ -19,13 +21,13 @@ from sim_harness.mission import (
     leaf_keys,
     load_mission,
     models_first,
-    read_toml,
     resolve,
     value_of,
 )
 from sim_harness.mission_errors import nearest
+from sim_harness.quantities import plain
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
-from tools.gains.schema import Design, read_tree
+from tools.gains.schema import Design, laws_of, read_tree
 
 DESIGN_PREFIX = "design."
 TOLD_TO_THE_COMPUTER = ("limits.", "guidance.rate_hz")
@@ -52,7 +54,7 @@ def parse(settings: list[str]) -> dict[str, str]:
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key or not value:
-            raise MissionError(f"--set {setting}: allowed is KEY=VALUE")
+            raise MissionError(f"--set {short(setting)}: allowed is KEY=VALUE")
         pairs[key.strip()] = value.strip()
     return pairs
 
@@ -65,7 +67,7 @@ def split(
     mission, design = {}, {}
     for key in models_first(pairs):
         if key.rsplit(".", 1)[-1] == "law":
-            raise MissionError(f"--set {key}: the law is chosen with --law")
+            raise MissionError(f"--set {short(key)}: the law is chosen with --law")
         here, elsewhere = design_keys(tree)
         known = [name for name in (*leaf_keys(Mission, raw), *here) if name not in NOT_SETTABLE]
         if not any(name == key or name.endswith(f".{key}") for name in known):
@@ -114,10 +116,18 @@ def with_values(tree: dict[str, Any], values: Mapping[str, float | str]) -> dict
     for key, value in values.items():
         first, dot, rest = key.partition(".")
         if dot:
-            changed[first] = with_values(changed.get(first, {}), {rest: value})
+            below = changed.get(first, {})
+            if not isinstance(below, dict):
+                raise MissionError(f"{key}: {first} is {plain(below)}, allowed a table")
+            changed[first] = with_values(below, {rest: value})
         else:
             changed[first] = value_of(value)
     return changed
+
+
+def gains_command(folder: Path) -> str:
+    """What makes the load images of a folder."""
+    return shlex.join(["aeroshell", "gains", str(folder / DESIGN_NAME)])
 
 
 def _remade(
@@ -147,14 +157,14 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
             raise FlightError(f"--load {load}: is for law '{image.law}', --law says '{law}'")
         return Prepared(mission, image.law, load.read_bytes(), load, False, False)
     chosen = law or mission.guidance.law
-    designed = list(tree.get("laws", []))
     if not has_design:
         raise DesignError(
             f"{folder / DESIGN_NAME} does not exist: mission {plain.name} has no gains"
         )
+    designed = laws_of(tree, folder / DESIGN_NAME)
     if chosen not in designed:
         raise FlightError(
-            f"law '{chosen}' is not designed for {plain.name}{nearest(chosen, designed)}; "
+            f"law '{short(chosen)}' is not designed for {plain.name}{nearest(chosen, designed)}; "
             f"allowed {', '.join(designed)}"
         )
     told = {k: v for k, v in world.items() if is_told(k)}
@@ -165,5 +175,5 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
             mission, chosen, _remade(folder, chosen, file, told, changes), path, True, comparable
         )
     if not path.is_file():
-        raise DesignError(f"{path} does not exist, `aeroshell gains {target}` makes it")
+        raise DesignError(f"{path} does not exist, `{gains_command(folder)}` makes it")
     return Prepared(mission, chosen, path.read_bytes(), path, False, comparable)

@@ -1,15 +1,14 @@
 """Replays on the ground's side: what takes long is said, what is written is not overwritten."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
-from threading import Timer
 
 import numpy as np
 import pyarrow as pa
 
 from flight_sw.errors import AeroshellError, RecordingError
+from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, read_image
 from flight_sw.streams import say
 from sim_harness.replay.open_loop import Compared, compare
@@ -18,21 +17,13 @@ from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_
 from sim_harness.telemetry.reader import Recording, load_kernels, open_recording
 from tools.flight_tables import WRITERS, write_table
 
-LONG_S = 2.0  # a wait that takes longer is spoken of
 RAD_SUFFIX = "_rad"
 NOTHING = "holds no minor frame that its flight computer answered, nothing is to be compared"
 
 
-@contextmanager
-def patience(text: str) -> Iterator[None]:
-    """Say what is waited for, once it gets long."""
-    notice = Timer(LONG_S, lambda: say(text))
-    notice.daemon = True
-    notice.start()
-    try:
-        yield
-    finally:
-        notice.cancel()
+def say_compiling(what: str) -> AbstractContextManager[None]:
+    """Says on stderr if something is compiled in a block."""
+    return on_compiling(lambda: say(f"compiling {what} for this processor"))
 
 
 def replayed(flight: Path) -> tuple[Recording, Replay, float]:
@@ -40,14 +31,14 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
 
     Compiled code is loaded before: that takes as long for a second of flight as for an hour.
     """
-    with patience("compiling the reader of recordings for this processor, once"):
+    with say_compiling("the reader of recordings"):
         load_kernels()
     start_s = time.perf_counter()
     recording = open_recording(flight)
     check_dbc(recording)
     image = attached_load(recording)
     opened_s = time.perf_counter()
-    with patience(f"compiling law '{image.law}' for this processor, once"):
+    with say_compiling(f"law '{image.law}'"):
         warm_up(image)
     warm_s = time.perf_counter()
     found = Replayer(recording, image).run()
@@ -59,7 +50,7 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
 def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compared]:
     """A recording, and what another load would have commanded of it."""
     recording, image = open_recording(flight), read_image(load)
-    with patience(f"compiling law '{image.law}' for this processor, once"):
+    with say_compiling(f"law '{image.law}'"):
         compared = compare(recording, image, _heard(recording))
     if not len(compared.t_s):
         raise RecordingError(f"{recording.path}: {NOTHING}")

@@ -5,6 +5,8 @@ DBC at boot. Rounding and scaling are those of cantools: to the nearest raw valu
 Bits that belong to no signal are sent as zero, and a received word that has one set is refused.
 """
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 
@@ -90,6 +92,7 @@ def _fill_message(codec: Record, slot: int, first_value: int, message: Message) 
         _fill_signal(codec, index, signal)
 
 
+@functools.cache
 def build_codec() -> npt.NDArray[np.void]:
     """The codec of the DBC's messages: shape (1,), read-only."""
     codec = np.zeros(1, CODEC)

@@ -158,19 +158,17 @@ def refuse(rx_state: Record, verdict: int) -> None:
 
 
 @kernel
+def reclassify(rx_state: Record, verdict: int) -> None:
+    """Take back a refusal: the frame is accepted after all, and counted then."""
+    rx_state["counted"][verdict] -= 1
+
+
+@kernel
 def receiver_tick(rx_state: Record) -> None:
     """Age all messages by one cycle."""
     age = rx_state["age_cycles"]
     for slot in range(N_MESSAGES):
         age[slot] = min(age[slot] + 1, AGE_MAX_CYCLES)  # no branch: several slots at a time
-
-
-@kernel
-def receiver_reset(rx_state: Record) -> None:
-    """Forget every sequence; what was counted stays."""
-    for slot in range(N_MESSAGES):
-        rx_state["received"][slot] = 0
-        rx_state["age_cycles"][slot] = 0
 
 
 @kernel

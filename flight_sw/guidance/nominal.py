@@ -9,13 +9,15 @@ sensed over what is modelled, a path-angle loop of its own, a floor under the he
 
 Limits: one-signed bank (no lateral guidance); exponential density in the path law, with the scale
 height of the load; heat flux peak found by two falling samples of the heat flux handed in: sensed
-noise wants an estimate of it and a floor.
+noise wants an estimate of it and a floor. By the source that is all; by the design's choice the
+model of the heat flux must be at its peak too, or a low-passed heat flux have fallen.
 """
 
 import math
 
 from flight_sw import status
 from flight_sw.fields import Field, RecordSpec
+from flight_sw.guidance.heat_flux_peak import crosses_set_point, low_pass, passes_peak
 from flight_sw.jit import kernel
 from flight_sw.onboard import FORCES, modelled_forces
 from flight_sw.types_ import Record
@@ -26,7 +28,6 @@ PHASES = ("pre-peak", "post-peak", "heat-flux", "transition")
 Flow = tuple[float, float]  # rho V^n to hold now, and as it is
 
 N_LOAD = 2.0  # rho V^2 is constant on a load limit
-FALLING_SAMPLES = 2  # in a row, make a peak
 LIFT_MIN_MPS2 = 1e-6  # no bank command is formed below this lift
 V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it
 SIN_GAMMA_MAX = 0.99  # a steeper path is asked for only where the law has no meaning
@@ -65,6 +66,7 @@ DESIGN = RecordSpec(
     Field("k_gamma_i_1ps2", -1e2, 1e2, "times the speed"),
     Field("peak_floor_ratio", 0.0, 1.0, "of the set point: no heat-flux peak below it"),
     Field("peak_drop_wpm2", 0.0, 1e9, "below the highest sample: falling samples before are noise"),
+    Field("peak_by", 0, 1, "heat_flux_peak.PEAK_BY", kind="u4"),
     Field("peak_scale_exponent", 1.0, 10.0, "of set point over a lower peak, on the constant"),
     Field("adaptation_share_ratio", 0.0, 1.0, "of the error in sensed over modelled, a step"),
     Field("adaptation_load_min_g", 0.0, 10.0, "sensed: nothing is learnt below it"),
@@ -77,6 +79,8 @@ STATE = RecordSpec(
     Field("falling", kind="u4", why="falling heat-flux samples in a row"),
     Field("heat_flux_prev_wpm2"),
     Field("heat_flux_peak_wpm2"),
+    Field("heat_flux_slow_wpm2", why="low-passed, for a peak that the model does not expect"),
+    Field("heat_flux_slow_peak_wpm2", why="its highest"),
     Field("tracking_constant", why="rho V^n held, at n of the phase"),
     Field("gamma_integral_rads"),
     Field("gamma_error_prev_rad"),
@@ -131,25 +135,14 @@ def path_angle_command(
 
 
 @kernel
-def _watch_peak(design: Record, state: Record, q_wpm2: float, flow_now: float) -> None:
-    """Phases up to tracking: the peak by falling samples, then the set point from above."""
-    if state["phase"] == PRE_PEAK:
-        state["heat_flux_peak_wpm2"] = max(state["heat_flux_peak_wpm2"], q_wpm2)
-        floor_wpm2 = design["peak_floor_ratio"] * design["heat_flux_max_wpm2"]
-        is_down = q_wpm2 <= state["heat_flux_peak_wpm2"] - design["peak_drop_wpm2"]
-        if is_down and q_wpm2 < state["heat_flux_prev_wpm2"] and q_wpm2 >= floor_wpm2:
-            state["falling"] += 1
-        else:
-            state["falling"] = 0
-        if state["falling"] >= FALLING_SAMPLES:
-            state["phase"] = POST_PEAK
-    if state["phase"] == POST_PEAK and q_wpm2 <= design["heat_flux_max_wpm2"]:
-        # A set point above the natural peak scales the constant: first power in [MOOIJ18]; exact is
-        # one over the density's exponent in the heat flux.
-        scale = max(design["heat_flux_max_wpm2"] / state["heat_flux_peak_wpm2"], 1.0)
-        state["tracking_constant"] = flow_now * math.pow(scale, design["peak_scale_exponent"])
-        state["phase"] = HEAT_FLUX
-    state["heat_flux_prev_wpm2"] = q_wpm2
+def _start_tracking(design: Record, state: Record, flow_now: float) -> None:
+    """Hold rho V^n as it is; a set point above the natural peak scales it.
+
+    By its first power in [MOOIJ18]; exact is one over the density's exponent in the heat flux.
+    """
+    scale = max(design["heat_flux_max_wpm2"] / state["heat_flux_peak_wpm2"], 1.0)
+    state["tracking_constant"] = flow_now * math.pow(scale, design["peak_scale_exponent"])
+    state["phase"] = HEAT_FLUX
 
 
 @kernel
@@ -347,7 +340,14 @@ def advance(
     if state["phase"] < HEAT_FLUX:
         before = state["phase"]
         flow_now = rho_kgpm3 * math.pow(v_mps, design["heat_flux_exponent"])
-        _watch_peak(design, state, heat_flux_wpm2, flow_now)
+        low_pass(state, heat_flux_wpm2, dt_s)
+        if before == PRE_PEAK and passes_peak(
+            design, onboard, atmosphere, state, nav, heat_flux_wpm2
+        ):
+            state["phase"] = POST_PEAK
+        if state["phase"] == POST_PEAK and crosses_set_point(design, state, heat_flux_wpm2):
+            _start_tracking(design, state, flow_now)
+        state["heat_flux_prev_wpm2"] = heat_flux_wpm2
         if before == PRE_PEAK and state["phase"] != PRE_PEAK:
             alpha_rad = design["alpha_after_peak_rad"]
             modelled_forces(onboard, atmosphere, nav["alt_m"], v_mps, alpha_rad, forces)

@@ -18,12 +18,12 @@ from flight_sw.computer import (
     COUNTER_MODULUS,
     CYCLE_MODULUS,
     STATUS,
-    receive,
     seal_of,
     step,
 )
 from flight_sw.dictionary import FRAME, TX_CAPACITY
 from flight_sw.executive import COUNT_MAX
+from flight_sw.reception import receive
 from flight_sw.types_ import Frames, Record
 from sim_harness.jit import kernel
 

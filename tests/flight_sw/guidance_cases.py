@@ -97,6 +97,8 @@ def random_memory(rng: np.random.Generator, memory: Any, nav: Values, n: float) 
     memory["falling"] = rng.integers(0, 2)
     memory["heat_flux_prev_wpm2"] = nav["heat_flux_wpm2"] * rng.choice([0.999, 1.0, 1.001])
     memory["heat_flux_peak_wpm2"] = HEAT_FLUX_MAX_WPM2 * rng.uniform(0.9, 1.2)
+    memory["heat_flux_slow_peak_wpm2"] = memory["heat_flux_peak_wpm2"] * rng.uniform(0.95, 1.0)
+    memory["heat_flux_slow_wpm2"] = memory["heat_flux_slow_peak_wpm2"] * rng.uniform(0.96, 1.0)
     memory["tracking_constant"] = density(nav["alt_m"]) * v_mps**n * np.exp(rng.normal(0.0, 0.1))
     memory["gamma_integral_rads"] = rng.normal(0.0, 0.1)
     memory["gamma_error_prev_rad"] = rng.normal(0.0, 1e-3)
@@ -111,6 +113,7 @@ def random_beliefs(rng: np.random.Generator, design: Any, memory: Any, nav: Valu
     design["k_gamma_p_1ps"], design["k_gamma_i_1ps2"] = rng.uniform(0.0, 0.1), 2.5e-3
     design["peak_drop_wpm2"] = rng.choice([0.0, 0.0, 0.1]) * HEAT_FLUX_MAX_WPM2
     design["peak_floor_ratio"] = rng.choice([0.0, 0.5, 1.0])
+    design["peak_by"] = rng.integers(0, 2)
     design["peak_scale_exponent"] = rng.uniform(1.0, 2.0)
     design["adaptation_share_ratio"] = rng.choice([0.0, 0.3, 1.0])
     design["adaptation_load_min_g"] = rng.choice([0.05, 0.5])

@@ -17,6 +17,7 @@ RHO0_KGPM3, AIR_SCALE_M = 1.225, 7050.0
 NEWTONIAN = {"n1": 0.7976, "n2": 1.5954, "a1": 0.0795, "a2": 0.9108}  # hyperion-1.toml, m2
 MASS_KG, RADIUS_M, MU, OMEGA, G0 = 450.0, 6378137.0, 3.986004418e14, 7.292115e-5, 9.81
 SIN_GAMMA_LIMIT = 0.99
+HEATING = {"m": 0.5, "n": 3.0}  # [MOOIJ18] Eq. 7, as the mission has it
 
 Values = dict[str, Any]
 
@@ -68,17 +69,37 @@ class NominalTwin:
     def __init__(self, design: Values, memory: Values) -> None:
         self.design, self.memory = design, memory
 
-    def _watch(self, q: float, c_n: float) -> None:
+    def _may_be_over(self, nav: Values) -> bool:
+        """Whether the model's q = k rho^m V^n, or a slow mean of the sensed one, agrees."""
         d, m = self.design, self.memory
+        if d["peak_by"] == 0:
+            return True
+        v, sine = nav["v_rel_mps"], math.sin(nav["flight_path_angle_rad"])
+        g = MU / (RADIUS_M + nav["alt_m"]) ** 2
+        braking = nav.get("drag_mps2", 0.0) + g * sine
+        rise = -HEATING["m"] * v * sine / AIR_SCALE_M - HEATING["n"] * braking / v
+        top, now = m["heat_flux_slow_peak_wpm2"], m["heat_flux_slow_wpm2"]
+        if rise > 1e-3 and top - now < 0.02 * d["heat_flux_max_wpm2"]:
+            return False
+        m["heat_flux_peak_wpm2"] = min(m["heat_flux_peak_wpm2"], 1.01 * top)
+        return True
+
+    def _watch(self, q: float, c_n: float, nav: Values, dt: float) -> None:
+        d, m = self.design, self.memory
+        if m["heat_flux_slow_peak_wpm2"] == 0.0:
+            m["heat_flux_slow_wpm2"] = q
+        m["heat_flux_slow_wpm2"] += (q - m["heat_flux_slow_wpm2"]) * dt / (1.0 + dt)
+        m["heat_flux_slow_peak_wpm2"] = max(m["heat_flux_slow_peak_wpm2"], m["heat_flux_slow_wpm2"])
         if m["phase"] == 0:
             m["heat_flux_peak_wpm2"] = max(q, m["heat_flux_peak_wpm2"])
             high = q >= d["peak_floor_ratio"] * d["heat_flux_max_wpm2"]
             down = m["heat_flux_peak_wpm2"] - q >= d["peak_drop_wpm2"]
             falls = high and down and q < m["heat_flux_prev_wpm2"]
             m["falling"] = m["falling"] + 1 if falls else 0
-            if m["falling"] >= 2:
+            if m["falling"] >= 2 and self._may_be_over(nav):
                 m["phase"] = 1
-        if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"]:
+        slow = d["peak_by"] == 0 or m["heat_flux_slow_wpm2"] <= 1.03 * d["heat_flux_max_wpm2"]
+        if m["phase"] == 1 and q <= d["heat_flux_max_wpm2"] and slow:
             over = d["heat_flux_max_wpm2"] / m["heat_flux_peak_wpm2"]
             m["tracking_constant"] = c_n * max(over, 1.0) ** d["peak_scale_exponent"]
             m["phase"] = 2
@@ -178,7 +199,7 @@ class NominalTwin:
         v, rho = nav["v_rel_mps"], density(nav["alt_m"])
         self._learn(nav, rho)
         if m["phase"] < 2:
-            self._watch(nav["heat_flux_wpm2"], rho * v ** d["heat_flux_exponent"])
+            self._watch(nav["heat_flux_wpm2"], rho * v ** d["heat_flux_exponent"], nav, dt)
         m["alpha_rad"] = d["alpha_before_peak_rad" if m["phase"] == 0 else "alpha_after_peak_rad"]
         m["load_factor_g"] = rho * v**2 / (2 * MASS_KG * G0) * math.hypot(*self._force_areas_m2())
         if m["phase"] < 2:

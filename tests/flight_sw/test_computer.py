@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flight_sw import icd, modes, status
-from flight_sw.computer import ARM, RESYNC_REFUSALS, STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID
+from flight_sw.reception import ARM, STOP
 from tests.system.flights import (
     NAV_FRAMES,
     Computer,
@@ -26,6 +26,7 @@ from tests.system.flights import (
 
 CYCLES = 120
 PIECE = "tracking"
+AGREEING_CYCLES = 25  # 0.5 s of hyperion-1's design
 TIME_ID = icd.layout("NAV_TIME").can_id
 TIMEOUT_CYCLES, RETURN_CYCLES = 25, 10  # 0.5 s and 0.2 s of hyperion-1's design at 50 Hz
 BAD_CYCLE = 70  # where single frames are spoilt: in flight, tracking
@@ -284,7 +285,7 @@ def test_after_a_jump_in_time_and_counters_the_sender_is_believed_again(
 ) -> None:
     start = 40
     computer, _ = replay(lqy_flight, lqy_flight.navigation[:start].ravel())
-    until = start + jump + RESYNC_REFUSALS + 2  # one set may be repeated by chance, one is the fix
+    until = start + jump + AGREEING_CYCLES + 2  # one set may be repeated by chance, one is the fix
     computer.feed(lqy_flight.navigation[start + jump : until].ravel())
     assert computer.state["fix_valid"][0] == 1
     assert computer.state["nav"]["t_s"][0] == pytest.approx((until - 1) * 0.02, abs=1e-6)
@@ -301,10 +302,10 @@ def test_a_harness_that_starts_anew_is_believed_again(lqy_flight: Recorded) -> N
 
 def test_single_refused_times_do_not_add_up_to_a_new_start(lqy_flight: Recorded) -> None:
     flight = lqy_flight
-    old = {(i, 6): [flight.navigation[i - 5, 6]] * (RESYNC_REFUSALS - 1) for i in range(20, 100)}
+    old = {(i, 6): [flight.navigation[i - 5, 6]] * (AGREEING_CYCLES - 1) for i in range(20, 100)}
     computer, answers = replay(flight, with_inserted(flight, old))
     assert commands(answers).tobytes() == commands(flight.answers).tobytes()
-    assert computer.state["time_refused"][0] == 0
+    assert computer.state["candidate"]["agreeing"][0] == 0
 
 
 def test_a_command_that_is_no_number_holds_the_last_one(lqy_flight: Recorded) -> None:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from flight_sw.can.sockets import new_io
-from flight_sw.computer import STOP
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, STOPPED, serve
-from tests.system.flights import Computer, Frames, recorded, request
+from flight_sw.reception import STOP
+from tests.flight_sw.test_reception import altered
+from tests.system.flights import Computer, Frames, commands, recorded, request
 
 SLICE_NS = 2_000_000
 CYCLES = 40
@@ -132,3 +133,26 @@ def test_a_slice_of_zero_only_compiles(loop: Loop) -> None:
     loop.send(loop.flight.navigation[0])
     assert loop.serve(slice_ns=0) == RUNNING
     assert loop.executive["frames_received"][0] == 0
+
+
+def test_in_lockstep_a_set_whose_time_was_refused_is_answered_once_the_bus_is_silent(
+    loop: Loop,
+) -> None:
+    before = loop.flight.navigation[:CYCLES_A_SLICE]
+    late = loop.flight.navigation[CYCLES_A_SLICE].copy()
+    late[-1] = altered(loop.flight, late[-1], t_s=1.0)
+    loop.send(before)
+    loop.serve_sent(before.size)
+    loop.answers()
+    loop.send(late[-1:])  # alone it is no set, and is not waited for
+    loop.serve_sent(before.size + 1)
+    for _ in range(3):
+        assert loop.serve() == RUNNING
+    assert len(loop.answers()) == 0
+    loop.send(late)
+    loop.serve_sent(before.size + 1 + late.size)
+    assert len(loop.answers()) == 0
+    for _ in range(3):
+        assert loop.serve() == RUNNING
+    assert len(commands(loop.answers())) == 1
+    assert loop.computer.state["cycles_without_fix"][0] == 1

@@ -11,7 +11,15 @@ from flight_sw import modes
 from flight_sw.computer import state_dtype
 from flight_sw.modes import MODE_DESIGN, MODES, conditions, next_mode
 
-CONDITIONS = ("READY", "ENTRY_SENSED", "SLOW", "NAV_LOST", "NAV_BACK", "BACK_IN_ENTRY")
+CONDITIONS = (
+    "READY",
+    "ENTRY_SENSED",
+    "SLOW",
+    "NAV_LOST",
+    "NAV_BACK",
+    "BACK_IN_ENTRY",
+    "FAST_AGAIN",
+)
 BITS = {name: getattr(modes, name) for name in CONDITIONS}
 
 
@@ -28,11 +36,11 @@ def twin(mode: str, holding: set[str]) -> str:
     if mode == "SAFE":
         back = "COAST" if "NAV_BACK" in holding else "SAFE"
         return "ENTRY" if "BACK_IN_ENTRY" in holding else back
-    return "TERMINAL"  # for good
+    return "ENTRY" if "FAST_AGAIN" in holding else "TERMINAL"
 
 
 def test_conditions_are_separate_bits() -> None:
-    assert sorted(BITS.values()) == [1, 2, 4, 8, 16, 32]
+    assert sorted(BITS.values()) == [1, 2, 4, 8, 16, 32, 64]
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -113,6 +121,7 @@ def test_navigation_is_back_after_enough_fixes_in_a_row(
     design: Any, state: Any, fixes: int, back: bool
 ) -> None:
     state["fixes_in_row"] = fixes
+    state["nav"]["v_rel_mps"] = 2050.0  # not so fast that an end by a false speed is taken back
     assert conditions(design, state) == (modes.NAV_BACK if back else 0)
 
 
@@ -123,4 +132,15 @@ def test_navigation_that_is_back_in_entry_is_told_apart(
     design: Any, state: Any, drag_mps2: float, bits: int
 ) -> None:
     state["fixes_in_row"], state["nav"]["drag_mps2"] = 10, drag_mps2
+    state["nav"]["v_rel_mps"] = 2050.0
     assert conditions(design, state) == bits
+
+
+@pytest.mark.parametrize(("v_mps", "fixes", "again"), [
+    (2100.0, 10, False), (2100.1, 10, True), (2100.1, 9, False), (7000.0, 0, False),
+])  # fmt: skip
+def test_an_end_by_a_false_speed_is_taken_back_by_enough_fixes_well_above_it(
+    design: Any, state: Any, v_mps: float, fixes: int, again: bool
+) -> None:
+    state["nav"]["v_rel_mps"], state["fixes_in_row"] = v_mps, fixes
+    assert bool(conditions(design, state) & modes.FAST_AGAIN) is again

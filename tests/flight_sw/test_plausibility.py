@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from flight_sw import icd
 from flight_sw import plausibility as gate
 from flight_sw.computer import new_state
-from flight_sw.plausibility import GATES, plausible, wrapped
+from flight_sw.plausibility import plausible, unit_position, wrapped
+from tests.system.flights import built
 
 DT_S = 0.02
 RADIUS_M = 6378137.0
 HAIR = 1e-9  # of a limit: just inside and just outside
-
-LOAD = np.dtype([("gates", GATES.dtype), ("dt_s", "f8")], align=True)
 
 GATE = {
     "distance_margin_m": 200.0,
@@ -31,8 +30,8 @@ GATE = {
 }
 FIX = {
     "t_s": 100.0, "lon_rad": 0.3, "lat_rad": 0.4, "alt_m": 70e3, "v_rel_mps": 7000.0,
-    "flight_path_angle_rad": -0.02, "heading_rad": 1.0, "drag_mps2": 4.0, "lift_mps2": 6.0,
-    "bank_rad": 1.0, "alpha_rad": 0.4, "heat_flux_wpm2": 1e6,
+    "flight_path_angle_rad": -0.02, "heading_rad": 1.0, "drag_mps2": 40.0, "lift_mps2": 60.0,
+    "bank_rad": 1.0, "alpha_rad": 0.4, "heat_flux_wpm2": 5e6,
 }  # fmt: skip
 INDEX = {
     "lon_rad": gate.LON, "lat_rad": gate.LAT, "alt_m": gate.ALT, "v_rel_mps": gate.SPEED,
@@ -53,8 +52,7 @@ class Gates:
     """A computer that has had one fix, and the gates it judges the next message with."""
 
     def __init__(self, cycles_without_fix: int = 0, **fix: float) -> None:
-        self.load: Any = np.zeros(1, LOAD)
-        self.load["dt_s"] = DT_S
+        self.load: Any = built("nominal").load.copy()
         for name, value in GATE.items():
             self.load["gates"][name] = value
         self.state: Any = new_state("nominal")
@@ -64,9 +62,17 @@ class Gates:
         self.fix = {**FIX, **fix}
         for name, value in self.fix.items():
             self.state["nav"][name] = value
+            self.state["accepted"][0, INDEX[name]] = value
         for name, key in (("bank_limiter", "bank_rad"), ("alpha_limiter", "alpha_rad")):
             self.state[name]["started"] = 1
             self.state[name]["command_rad"] = self.fix[key]
+
+    def move_to(self, **fix: float) -> None:
+        """The last fix has these values instead."""
+        for name, value in fix.items():
+            self.fix[name] = value
+            self.state["nav"][name] = value
+            self.state["accepted"][0, INDEX[name]] = value
 
     def passes(self, **changes: float) -> bool:
         """Whether the message that carries these values is believed; the rest as in the fix."""
@@ -77,17 +83,25 @@ class Gates:
         return bool(plausible(self.load[0], self.state[0], slot, values))
 
 
+def swing(angle: float, cos_elevation: float) -> float:
+    """How far a direction turns about an axis to be an angle away from where it was."""
+    return 2.0 * math.asin(math.sin(angle / 2.0) / cos_elevation)
+
+
 def reaches(cycles: int) -> dict[str, float]:
-    """How far each value may move in so many cycles, in words of the gates' documentation."""
+    """How far each value may move in so many cycles, in words of the gates' documentation.
+
+    The sensed values of the fix are larger than those of the model: theirs is the reach.
+    """
     span_s = cycles * DT_S
-    way_m = FIX["v_rel_mps"] * span_s + 200.0
+    way_m = (FIX["v_rel_mps"] + 400.0 * span_s) * span_s + 200.0
     return {
-        "lon_rad": way_m / (RADIUS_M * math.cos(FIX["lat_rad"])),
+        "lon_rad": swing(way_m / RADIUS_M, math.cos(FIX["lat_rad"])),
         "lat_rad": way_m / RADIUS_M,
         "alt_m": way_m,
         "v_rel_mps": 400.0 * span_s,
         "flight_path_angle_rad": 1.0 * span_s,
-        "heading_rad": 1.0 * span_s,
+        "heading_rad": swing(1.0 * span_s, math.cos(FIX["flight_path_angle_rad"])),
         "drag_mps2": cycles * (1.5 * FIX["drag_mps2"] + 0.5),
         "lift_mps2": cycles * (1.5 * FIX["lift_mps2"] + 0.5),
         "bank_rad": cycles * 0.05,  # at the commanded angle
@@ -136,18 +150,96 @@ def test_longitude_and_heading_pass_the_date_line(before: float) -> None:
     assert not gates.passes(heading_rad=0.0)
 
 
-def test_near_a_pole_longitude_is_free_and_latitude_is_not() -> None:
-    gates = Gates(lat_rad=math.acos(0.0199))
-    assert gates.passes(lon_rad=-2.0)
-    assert not gates.passes(lat_rad=0.4)
-    assert not Gates(lat_rad=math.acos(0.0201)).passes(lon_rad=-2.0)
+def along_a_great_circle(rng: np.random.Generator, miss_rad: float) -> dict[str, Any]:
+    """Places and headings, by vectors, along a circle that passes a pole so near; 3 s each side."""
+    pole = rng.choice([-1.0, 1.0])
+    side = rng.uniform(-math.pi, math.pi)
+    nearest = np.array([
+        math.sin(miss_rad) * math.cos(side), math.sin(miss_rad) * math.sin(side),
+        pole * math.cos(miss_rad),
+    ])  # fmt: skip
+    ahead = np.array([-math.sin(side), math.cos(side), 0.0])
+    angle = 7500.0 / RADIUS_M * (np.arange(300) - 150.0 + rng.uniform(0.0, 1.0)) * DT_S
+    place = np.outer(np.cos(angle), nearest) + np.outer(np.sin(angle), ahead)
+    going = np.outer(np.cos(angle), ahead) - np.outer(np.sin(angle), nearest)
+    lon = np.arctan2(place[:, 1], place[:, 0])
+    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros(300)], axis=1)
+    north = np.cross(place, east)
+    heading = np.arctan2((going * east).sum(1), (going * north).sum(1))
+    return {"lon_rad": lon, "lat_rad": np.arcsin(place[:, 2]), "heading_rad": heading}
 
 
-def test_near_the_vertical_heading_is_free_and_path_angle_is_not() -> None:
-    gates = Gates(flight_path_angle_rad=-math.acos(0.0999))
+@pytest.mark.parametrize("miss_rad", [0.0, 1e-9, 1e-6, 1e-5, 1e-4, 1e-3, 0.02])
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_true_is_refused_on_a_way_past_a_pole(seed: int, miss_rad: float) -> None:
+    way = along_a_great_circle(np.random.default_rng([seed, 20261130]), miss_rad)
+    turned = np.abs(wrapped_array(np.diff(way["heading_rad"]))).max()
+    assert turned > 0.02 or miss_rad > 1e-3  # the heading does swing about there
+    gates = Gates(v_rel_mps=7500.0)
+    for i in range(1, 300):
+        gates.move_to(**{name: float(values[i - 1]) for name, values in way.items()})
+        now = {name: float(values[i]) for name, values in way.items()}
+        assert gates.passes(lon_rad=now["lon_rad"], lat_rad=now["lat_rad"])
+        for name in ("lon_rad", "lat_rad"):
+            gates.state["accepted"][0, INDEX[name]] = now[name]
+        assert gates.passes(flight_path_angle_rad=-0.02, heading_rad=now["heading_rad"])
+
+
+def wrapped_array(angles: Any) -> Any:
+    """Angles within half a turn."""
+    return np.remainder(angles + math.pi, math.tau) - math.pi
+
+
+def test_at_a_pole_a_false_place_and_a_false_direction_are_refused() -> None:
+    gates = Gates(lat_rad=math.pi / 2 - 1e-6, heading_rad=0.5)
+    assert gates.passes(lon_rad=-2.0)  # a few metres away
+    assert not gates.passes(lat_rad=math.pi / 2 - 1e-3)
+    gates.state["accepted"][0, gate.LON] = FIX["lon_rad"] + 2.0  # beyond the pole, as it were
+    assert gates.passes(heading_rad=0.5 + 2.0)  # the same way on
+    assert not gates.passes(heading_rad=0.5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_true_is_refused_in_a_vertical_dive(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    steep, turn = rng.uniform(0.0, 0.01), rng.uniform(0.3, 0.9)
+    axis = np.array([0.0, math.sin(steep), -math.cos(steep)])  # east, north, up
+    side = np.array([1.0, 0.0, 0.0])
+    angle = turn * (np.arange(100) - 50.0) * DT_S
+    flown = np.outer(np.cos(angle), axis) + np.outer(np.sin(angle), side)
+    gamma, heading = np.arcsin(flown[:, 2]), np.arctan2(flown[:, 0], flown[:, 1])
+    gates = Gates()
+    for i in range(1, 100):
+        gates.move_to(flight_path_angle_rad=float(gamma[i - 1]), heading_rad=float(heading[i - 1]))
+        assert gates.passes(flight_path_angle_rad=float(gamma[i]), heading_rad=float(heading[i]))
+
+
+def test_near_the_vertical_a_false_path_angle_is_refused() -> None:
+    gates = Gates(flight_path_angle_rad=-math.pi / 2 + 1e-3)
     assert gates.passes(heading_rad=-2.0)
-    assert not gates.passes(flight_path_angle_rad=-1.0)
-    assert not Gates(flight_path_angle_rad=-math.acos(0.1001)).passes(heading_rad=-2.0)
+    assert not gates.passes(flight_path_angle_rad=-1.5)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-math.pi / 2, math.pi / 2))
+def test_a_place_is_a_unit_vector(lon_rad: float, lat_rad: float) -> None:
+    assert math.hypot(*unit_position(lon_rad, lat_rad)) == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize(("name", "false", "true"), [
+    ("drag_mps2", 0.0, 6.0), ("lift_mps2", 0.0, 6.0), ("heat_flux_wpm2", 0.0, 30e3),
+])  # fmt: skip
+def test_a_value_believed_to_be_nothing_does_not_keep_the_true_one_out(
+    name: str, false: float, true: float
+) -> None:
+    # At 65 km and 7,000 m/s the model expects 10 m/s2 and more, and 1.4 MW/m2.
+    assert Gates(alt_m=65e3, **{name: false}).passes(**{name: true})
+    assert not Gates(alt_m=120e3, **{name: false}).passes(**{name: true})
+
+
+def test_a_speed_believed_too_low_narrows_no_gate_for_ever() -> None:
+    gates = Gates(cycles_without_fix=500, v_rel_mps=3000.0)
+    assert gates.passes(v_rel_mps=7000.0)
+    assert gates.passes(lat_rad=FIX["lat_rad"] + 7000.0 * 501 * DT_S / RADIUS_M)
 
 
 @pytest.mark.parametrize(("flown", "command"), [
@@ -175,7 +267,7 @@ def test_before_the_first_command_any_attitude_is_believed() -> None:
 
 @pytest.mark.parametrize(("name", "margin"), [("drag_mps2", 0.5), ("heat_flux_wpm2", 2000.0)])
 def test_a_sensed_value_may_rise_from_nothing_by_its_margin(name: str, margin: float) -> None:
-    gates = Gates(**{name: 0.0})
+    gates = Gates(**{name: 0.0}, alt_m=500e3, v_rel_mps=1.0)  # the model expects nothing
     assert gates.passes(**{name: margin})
     assert not gates.passes(**{name: margin * (1.0 + HAIR)})
 

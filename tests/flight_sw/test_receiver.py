@@ -21,8 +21,8 @@ from flight_sw.can.receiver import (
     accept,
     is_valid,
     judge,
-    receiver_reset,
     receiver_tick,
+    reclassify,
     refuse,
     rejected,
     report_counters,
@@ -221,18 +221,25 @@ def test_a_stream_that_jumped_is_believed_again_within_sixteen_cycles(rx: np.nda
     assert all(v == OK for v in verdicts[16:])
 
 
-def test_silence_ages_every_message_and_a_reset_forgets(rx: np.ndarray) -> None:
+def test_silence_ages_every_message(rx: np.ndarray) -> None:
     take(rx, 3)
     for _ in range(15):
         receiver_tick(rx[0])
     assert judged(rx, position(3))[1] == REPEATED
     receiver_tick(rx[0])
     assert judged(rx, position(3))[1] == OK
-    take(rx, 3)
+    take(rx, 3)  # and is young again
     assert judged(rx, position(3))[1] == REPEATED
-    receiver_reset(rx[0])
-    assert judged(rx, position(3))[1] == OK
     assert rx["counted"][0, OK] == 2
+
+
+def test_a_refusal_taken_back_is_not_counted(rx: np.ndarray) -> None:
+    refuse(rx[0], WRONG_SEQUENCE)
+    refuse(rx[0], WRONG_SEQUENCE)
+    reclassify(rx[0], WRONG_SEQUENCE)
+    accept(rx[0], POSITION, 3, OK)
+    assert rx["counted"][0, WRONG_SEQUENCE] == 1
+    assert receiver.heard(rx[0]) == 2
 
 
 def test_ages_stop_before_they_overflow(rx: np.ndarray) -> None:

@@ -295,7 +295,7 @@ def test_override_of_a_model_drops_what_the_other_model_said():
             "heat_flux_max_kwpm",
             1.0,
             "heat_flux_max_kwpm is not a known key, nearest is limits.heat_flux_max_kwpm2; "
-            "allowed name, title, source, planet.radius_km, ",
+            "allowed are ",
         ),
         (
             "altitude_km",

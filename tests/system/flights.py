@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
-from flight_sw.computer import ARM, new_state
+from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.histogram import HISTOGRAM
 from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
+from flight_sw.reception import ARM
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
 from sim_harness.logs import BUS, TRUTHS, Logs
 from sim_harness.loop import HARNESS, fly_in_memory

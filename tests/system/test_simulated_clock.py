@@ -9,9 +9,10 @@ import pytest
 
 from flight_sw import executive
 from flight_sw.can.sockets import new_io
-from flight_sw.computer import ARM, new_state
+from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.executive import EXECUTIVE, RUNNING, SYNCHRONISATIONS
+from flight_sw.reception import ARM
 from sim_harness import pacing
 from sim_harness.bus.ear import no_ear
 from sim_harness.loop import Wire

@@ -10,8 +10,7 @@ from flight_sw.errors import FlightError
 from tests.tools.conftest import SHORT
 from tools.campaign import engine
 from tools.campaign.engine import run_campaign
-from tools.campaign.profiles import PROFILES, SPOOL
-from tools.campaign.store import JOURNAL, RESULTS
+from tools.campaign.folder import JOURNAL, PROFILES, RESULTS, SPOOL
 
 pytestmark = pytest.mark.jit_only
 

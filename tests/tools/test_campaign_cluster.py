@@ -13,8 +13,8 @@ from distributed import LocalCluster
 from flight_sw.errors import FlightError
 from tools.campaign import cluster
 from tools.campaign.engine import run_campaign
+from tools.campaign.folder import RESULTS
 from tools.campaign.plan import Wanted
-from tools.campaign.store import RESULTS
 
 pytestmark = pytest.mark.jit_only
 

@@ -7,7 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from sim_harness.world.records import TRUTH
-from tools.campaign.profiles import FIELDS, PROFILES, Spool, at_speeds, read_profiles
+from tools.campaign.folder import PROFILES
+from tools.campaign.profiles import FIELDS, Spool, at_speeds, read_profiles
 
 SPEEDS = np.array([1000.0, 2000.0, 3000.0, 4000.0])
 DRAG = FIELDS.index("drag_mps2")
@@ -52,7 +53,7 @@ def test_profiles_come_in_order_of_runs_whenever_they_were_kept(tmp_path):
     again.add(2, None)
     again.finish(3)
     again.close()
-    found = read_profiles(tmp_path)
+    found = read_profiles(tmp_path, 3)
     assert found.runs.tolist() == [1, 2, 3]
     assert found.speed_mps.tolist() == SPEEDS.tolist()
     assert found.fields["drag_mps2"][:, 0].tolist()[::2] == [1.0, 3.0]

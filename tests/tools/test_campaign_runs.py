@@ -15,8 +15,9 @@ from flight_sw.errors import FlightError, MissionError
 from sim_harness.mission import find, load_mission
 from sim_harness.outcomes import limits_exceeded, outcome_class
 from tools.campaign.engine import run_campaign
+from tools.campaign.folder import decoded
 from tools.campaign.job import Flyer, Run, job_of
-from tools.campaign.plan import Wanted, decoded, encoded, plan_of
+from tools.campaign.plan import Wanted, encoded, plan_of
 from tools.cli import application
 
 pytestmark = pytest.mark.jit_only

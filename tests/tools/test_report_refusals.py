@@ -37,7 +37,9 @@ def test_a_folder_of_something_else(tmp_path, capsys):
 
 def test_a_manifest_of_something_else(made, capsys):
     (made / "campaign.json").write_text("[1, 2]")
-    assert "says no mission" in refusal(capsys, made)
+    assert "campaign.json: is [1, 2]: not a campaign's manifest" in refusal(capsys, made)
+    (made / "campaign.json").write_text("{}")
+    assert "campaign.json: says no identity" in refusal(capsys, made)
     (made / "campaign.json").write_text("{")
     assert "not JSON" in refusal(capsys, made)
 

@@ -105,7 +105,7 @@ def test_info_leaves_the_timing_to_timing(paced: Path, capfd: pytest.CaptureFixt
     ("content", "why"),
     [
         (None, "cannot be read"),
-        ("not json", "is no summary of a flight, it is not JSON"),
+        ("not json", "is not JSON"),
         ("[1]", "is no summary of a flight"),
         ('{"pace": "realtime"}', "holds no timing, or one of another version"),
     ],

@@ -11,10 +11,11 @@ import pyarrow as pa
 from flight_sw.errors import FlightError
 from sim_harness.outcomes import NOT_FLOWN
 from tools.campaign.cluster import Cluster
+from tools.campaign.folder import read_manifest, read_results, read_samples
 from tools.campaign.job import Flyer
 from tools.campaign.plan import Plan, Wanted, plan_of
 from tools.campaign.pool import fly_in_threads, processors
-from tools.campaign.store import Store, read_manifest, read_results, read_samples
+from tools.campaign.store import Store
 from tools.campaign.verdict import check_metrics, judged
 
 JOBS_MAX = 1024
@@ -90,7 +91,7 @@ def run_campaign(
             store.write_manifest({"state": "flown", "flown": flown})
         manifest = read_manifest(out)
         if manifest["state"] != "done":
-            verdict = judged(out, plan.requirements)
+            verdict = judged(out, manifest, plan.requirements)
             how = manifest.get("flown")
             store.write_manifest({"state": "done", "flown": how, "verdict": verdict})
     finally:
@@ -100,7 +101,10 @@ def run_campaign(
 
 def read_campaign(folder: Path) -> Campaign:
     """A finished campaign from its folder."""
-    return Campaign(folder, read_manifest(folder), read_results(folder), read_samples(folder))
+    manifest = read_manifest(folder)
+    return Campaign(
+        folder, manifest, read_results(folder, manifest), read_samples(folder, manifest)
+    )
 
 
 def results_of(wanted: Wanted, jobs: int | None = None) -> pa.Table:

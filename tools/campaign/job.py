@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from flight_sw.errors import AeroshellError, MissionError
 from flight_sw.load_image import image_bytes
 from sim_harness.assembly import read_csv
+from sim_harness.documents import read_toml
 from sim_harness.flight import (
     FlightPlan,
     FlightRun,
@@ -21,7 +22,7 @@ from sim_harness.flight import (
     memory_loop,
     onboard_of,
 )
-from sim_harness.mission import Mission, apply, find, leaf_keys, mission_of, read_toml, resolve
+from sim_harness.mission import Mission, apply, find, leaf_keys, mission_of, resolve
 from sim_harness.outcomes import NUMERICAL
 from sim_harness.summary import flight_facts
 from tools.campaign.profiles import F8, KEY, RATE_HZ, Profiler, speeds

@@ -15,13 +15,12 @@ from flight_sw.jit import FLIGHT_ROOT, source_hash
 from sim_harness.dispersion_keys import Dispersions, Requirement
 from sim_harness.dispersions import Samples, draw, extremes, fixed, set_of
 from sim_harness.mission import Mission, mission_of
+from tools.campaign.folder import FLIGHTS_MAX, SEED_MAX
 from tools.campaign.job import Flyer, Job, Run, job_of, load_of, resolved
 from tools.gains.image import DESIGN_NAME
 from tools.gains.schema import design_of
 from tools.overrides import DESIGN_PREFIX, is_told, with_values
 
-FLIGHTS_MAX = 10_000_000
-SEED_MAX = (1 << 63) - 1
 SOURCES = (FLIGHT_ROOT, FLIGHT_ROOT.parent / "sim_harness")
 
 
@@ -203,12 +202,3 @@ def encoded(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value
-
-
-def decoded(value: Any) -> Any:
-    """The inverse of `encoded`."""
-    if isinstance(value, dict):
-        return {key: decoded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [decoded(item) for item in value]
-    return float(value) if value in ("inf", "-inf", "nan") else value

@@ -17,16 +17,16 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from flight_sw.errors import FlightError
+from sim_harness.documents import json_of
 from sim_harness.flight import FlightRun
 from sim_harness.mission import Mission
 from sim_harness.world.records import TRUTH
+from tools.campaign.columns import UNREADABLE, opened, refused
+from tools.campaign.folder import MANIFEST, PROFILES, SPOOL
 
 F4 = npt.NDArray[np.float32]
 F8 = npt.NDArray[np.float64]
 
-PROFILES = "profiles.parquet"
-SPOOL = "profiles.bin"
 KEY = "profile"  # of a flown row, taken out before the row is kept
 SPEEDS = b"speed_mps"  # of the table's metadata
 KNOTS = 128
@@ -114,6 +114,18 @@ class Spool:
         kept = profile if profile is not None else np.full(self.size // 4, np.nan, "f4").tobytes()
         os.pwrite(self._file.fileno(), kept, (number - 1) * self.size)
 
+    def fill_up(self, n: int) -> None:
+        """Keep no profile of the first `n` runs where the file has been cut short before them."""
+        path = self.folder / SPOOL
+        size = path.stat().st_size if path.is_file() else 0
+        if n * self.size > size:
+            with path.open("r+b" if path.exists() else "w+b") as spool:
+                spool.truncate(size - size % self.size)
+                spool.seek(0, os.SEEK_END)
+                empty = np.full(self.size // 4, np.nan, "f4").tobytes()
+                for _ in range(n - size // self.size):
+                    spool.write(empty)
+
     def finish(self, n: int) -> None:
         """Make profiles.parquet; without one profile, nothing."""
         path = self.folder / SPOOL
@@ -124,7 +136,9 @@ class Spool:
         with path.open("r+b") as spool:
             spool.truncate(n * self.size)
         kept = np.memmap(path, np.float32, "r", shape=shape)
-        with pq.ParquetWriter(temporary, schema(self.speed_mps), compression="zstd") as writer:
+        with pq.ParquetWriter(
+            temporary, schema(self.speed_mps), compression="zstd", write_page_checksum=True
+        ) as writer:
             for first in range(0, n, GROUP_ROWS):
                 writer.write_table(table(kept[first : first + GROUP_ROWS], first, self.speed_mps))
         del kept
@@ -154,20 +168,41 @@ def table(block: F4, first: int, speed_mps: F8) -> pa.Table:
     return pa.table(columns, schema=schema(speed_mps))
 
 
-def read_profiles(folder: Path, on_missing: Callable[[], None] = lambda: None) -> Profiles | None:
+def read_profiles(
+    folder: Path, n: int, on_missing: Callable[[], None] = lambda: None
+) -> Profiles | None:
     """A finished campaign's profiles; None where it has none."""
     path = folder / PROFILES
     if not path.is_file():
         on_missing()
         return None
+    file = opened(path, n, told_by=MANIFEST, values=KNOTS)
     try:
-        found = pq.read_table(path)
-        speed_mps = np.array(json.loads(found.schema.metadata[SPEEDS]))
+        metadata = file.schema_arrow.metadata or {}
+        speed_mps = np.array(json_of(metadata[SPEEDS]), np.float64)
+        if speed_mps.ndim != 1 or not 2 <= len(speed_mps) <= KNOTS or not _ascends(speed_mps):
+            raise ValueError("its speeds are no ascending numbers")
+        check_kinds(file.schema_arrow, len(speed_mps))
+        found = file.read(use_threads=False)
+        found.validate(full=True)
         fields = {
-            name: found[name].combine_chunks().flatten().to_numpy().reshape(-1, len(speed_mps))
-            for name in found.column_names
-            if name != "run"
+            name: found[name].combine_chunks().flatten().to_numpy().reshape(n, len(speed_mps))
+            for name in FIELDS
         }
-        return Profiles(speed_mps, found["run"].to_numpy(), fields)
-    except (OSError, pa.ArrowException, KeyError, TypeError, ValueError) as error:
-        raise FlightError(f"{path}: cannot be read ({error})") from error
+        runs = found["run"].to_numpy()
+        if not np.array_equal(runs, np.arange(1, n + 1)):
+            raise ValueError("its runs are not those of the campaign")
+        return Profiles(speed_mps, runs, fields)
+    except UNREADABLE as error:
+        raise refused(path, error) from None
+
+
+def _ascends(speed_mps: F8) -> bool:
+    return bool(np.all(np.isfinite(speed_mps)) and np.all(np.diff(speed_mps) > 0.0))
+
+
+def check_kinds(found: pa.Schema, knots: int) -> None:
+    """Refuse columns that are no profiles over so many speeds."""
+    for field in schema(np.zeros(knots)):
+        if field.name not in found.names or found.field(field.name).type != field.type:
+            raise ValueError(f"column {field.name} is not of {field.type}")

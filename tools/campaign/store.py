@@ -21,20 +21,28 @@ import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
 from sim_harness.dispersions import Samples
+from tools.campaign.columns import write_table
+from tools.campaign.folder import (
+    GROUP_ROWS,
+    JOURNAL,
+    LOAD,
+    LOCK,
+    MANIFEST,
+    MISSION,
+    RESULTS,
+    SAMPLES,
+    check_plain,
+    has_results,
+    journal_lines,
+    read_load,
+    read_manifest,
+    read_samples,
+)
 from tools.campaign.job import Flyer
-from tools.campaign.plan import Plan, decoded, encoded
+from tools.campaign.plan import Plan, encoded
 from tools.campaign.profiles import KEY, Spool
 from tools.gains.image import write_atomically
 
-MANIFEST = "campaign.json"
-SAMPLES = "samples.parquet"
-RESULTS = "results.parquet"
-VERDICT = "verdict.json"
-JOURNAL = "flights.jsonl"
-LOCK = ".lock"
-LOAD = "{law}.load"
-MISSION = "mission.toml"
-GROUP_ROWS = 1024  # a row group of results.parquet, and the most rows held at once
 KINDS = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
@@ -56,6 +64,7 @@ class Store:
     def _locked(self) -> Any:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            check_plain(self.folder, self.plan.job.law)
             lock = (self.folder / LOCK).open("ab")
         except OSError as error:
             raise FlightError(f"--out {self.folder}: cannot be used ({error.strerror})") from error
@@ -80,11 +89,27 @@ class Store:
                 )
             self._begin()
             return
-        stored = read_manifest(self.folder)["identity"]
+        manifest = read_manifest(self.folder)
+        stored = manifest["identity"]
         wanted = self.plan.identity
         if differ := [key for key in wanted if stored.get(key) != wanted[key]]:
             told = ", ".join(f"{k} {stored.get(k)} (asked for: {wanted[k]})" for k in differ)
             raise FlightError(f"--out {self.folder}: holds a campaign with {told}")
+        self._mend(manifest)
+
+    def _mend(self, manifest: dict[str, Any]) -> None:
+        """Write again what is damaged and follows from the plan."""
+        job = self.plan.job
+        try:
+            read_samples(self.folder, manifest)
+        except FlightError:
+            write_table(samples_table(self.plan.samples), self.folder / SAMPLES)
+        try:
+            is_same = read_load(self.folder, job.law) == job.load_image
+        except FlightError:
+            is_same = False
+        if not is_same:
+            write_atomically(self.folder / LOAD.format(law=job.law), job.load_image)
 
     def _begin(self) -> None:
         """Samples and load first, the manifest last: a folder with one is whole."""
@@ -122,7 +147,7 @@ class Store:
         write_atomically(self.folder / MANIFEST, (text + "\n").encode())
 
     def _open_journal(self) -> Any:
-        """The journal at its end; a line that a kill has torn is cut off."""
+        """The journal at its end; what is no whole result in it is a flight not flown."""
         self.offsets = np.full(self.plan.n, -1, np.int64)
         self.kinds: dict[str, set[type]] = {}
         self.flown = 0
@@ -131,30 +156,22 @@ class Store:
             (self.folder / JOURNAL).unlink(missing_ok=True)  # killed between its last two steps
             return None
         journal = (self.folder / JOURNAL).open("ab+")
-        journal.seek(0)
-        end = 0
-        for line in journal:
-            try:
-                row = json.loads(line) if line.endswith(b"\n") else None
-            except ValueError:
-                row = None
-            if row is None:
-                break
-            self._count(row, end)
-            end += len(line)
-        journal.truncate(end)
+        for line in journal_lines(self.folder / JOURNAL, self.plan.n):
+            self._count(line.row, line.offset)
+        end_unfinished_line(journal)
+        self._spool.fill_up(int(np.flatnonzero(self.offsets >= 0).max(initial=-1)) + 1)
         return journal
 
     def _count(self, row: dict[str, Any], offset: int) -> None:
+        self.flown += int(self.offsets[row["run"] - 1] < 0)
         self.offsets[row["run"] - 1] = offset
-        self.flown += 1
         for key, value in row.items():
             self.kinds.setdefault(key, set()).update(() if value is None else (type(value),))
 
     @property
     def is_complete(self) -> bool:
         """Whether all flights are in results.parquet."""
-        return (self.folder / RESULTS).is_file()
+        return has_results(self.folder)
 
     def to_fly(self) -> list[int]:
         """Runs that have no result yet, in order."""
@@ -196,7 +213,7 @@ class Store:
         self._spool.finish(self.plan.n)
         schema = pa.schema([(key, kind_of(found)) for key, found in self._in_order()])
         temporary = self.folder / (RESULTS + ".new")
-        with pq.ParquetWriter(temporary, schema) as writer:
+        with pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer:
             group: list[dict[str, Any]] = []
             for row in self._rows():
                 group.append(row)
@@ -222,18 +239,21 @@ class Store:
         self._lock.close()
 
 
+def end_unfinished_line(journal: Any) -> None:
+    """A line that a kill has torn is made one of its own, so that the next begins a new one."""
+    size = journal.seek(0, os.SEEK_END)
+    if size:
+        journal.seek(size - 1)
+        if journal.read(1) != b"\n":
+            journal.write(b"\n")
+            journal.flush()
+
+
 def kind_of(found: set[type]) -> pa.DataType:
     """The column type for the values seen; a column without any is of numbers."""
     if found == {int, float} or not found:
         return pa.float64()
     return KINDS[next(iter(found))] if len(found) == 1 else pa.string()
-
-
-def write_table(table: pa.Table, path: Path) -> None:
-    """Write under a temporary name, then rename."""
-    temporary = path.with_name(path.name + ".new")
-    pq.write_table(table, temporary)
-    os.replace(temporary, path)
 
 
 def samples_table(samples: Samples) -> pa.Table:
@@ -242,32 +262,3 @@ def samples_table(samples: Samples) -> pa.Table:
     for i, key in enumerate(samples.keys):
         columns[key] = samples.values[:, i]
     return pa.table(columns)
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """campaign.json of a folder."""
-    try:
-        return decoded(json.loads((folder / MANIFEST).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise FlightError(f"{folder}: no campaign there ({MANIFEST}: {error.strerror})") from error
-    except ValueError as error:
-        raise FlightError(f"{folder / MANIFEST}: not JSON ({error})") from error
-
-
-def read_results(folder: Path) -> pa.Table:
-    """All flights of a finished campaign, sorted by run."""
-    manifest = read_manifest(folder)
-    if not (folder / RESULTS).is_file():
-        raise FlightError(
-            f"{folder}: campaign of {manifest['identity']['n']} flights is not finished; "
-            f"the command that began it goes on with it"
-        )
-    return pq.read_table(folder / RESULTS)
-
-
-def read_samples(folder: Path) -> pa.Table:
-    """The samples of a campaign."""
-    try:
-        return pq.read_table(folder / SAMPLES)
-    except (OSError, pa.ArrowException) as error:
-        raise FlightError(f"{folder / SAMPLES}: cannot be read ({error})") from error

@@ -4,11 +4,11 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 from rich.table import Table
 
 from sim_harness.outcomes import LIMIT_EXCEEDED, TOGETHER
+from tools.campaign.columns import numbers
 from tools.show import ROWS
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def distribution_table(flown: "Campaign") -> Table:
     for label, key, unit in ROWS:
         if key not in flown.results.column_names:
             continue
-        values = flown.results[key].cast(pa.float64()).to_numpy()
+        values = numbers(flown.results, key)
         values = values[np.isfinite(values)]
         if len(values):
             cells = np.quantile(values, QUANTILES, method="inverted_cdf")

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from flight_sw.errors import MissionError
 from sim_harness.dispersion_keys import Requirement
 from sim_harness.mission_errors import nearest
 from sim_harness.outcomes import CLASSES, NOT_FLOWN
 from sim_harness.requirements import MET, Verdict, as_dict, judge
-from tools.campaign.store import RESULTS, VERDICT
+from tools.campaign.columns import TEXTS, numbers
+from tools.campaign.folder import VERDICT, read_results
 from tools.gains.image import write_atomically
 
 
@@ -30,26 +29,18 @@ def check_metrics(requirements: Sequence[Requirement], row: Mapping[str, Any]) -
             )
 
 
-def column(results: Path, name: str) -> Any:
-    """One column of a results file, its missing numbers NaN."""
-    if name not in pq.read_schema(results).names:
-        return None
-    values = pq.read_table(results, columns=[name])[name]
-    if pa.types.is_string(values.type):
-        return values.to_pylist()
-    return values.cast(pa.float64()).to_numpy(zero_copy_only=False)
-
-
-def judged(folder: Path, requirements: Sequence[Requirement]) -> dict[str, Any]:
-    """The verdict on a campaign's folder, a column at a time; written to verdict.json."""
-    results = folder / RESULTS
-    classes = np.array(column(results, "outcome_class"))
+def judged(
+    folder: Path, manifest: Mapping[str, Any], requirements: Sequence[Requirement]
+) -> dict[str, Any]:
+    """The verdict on a campaign's folder; written to verdict.json."""
+    results = read_results(folder, dict(manifest))
+    classes = np.array(results["outcome_class"].to_pylist())
     untold = np.isin(classes, NOT_FLOWN)
     verdicts: list[Verdict] = []
     for requirement in requirements:
-        values = column(results, requirement.metric)
-        if values is None:  # no flight was flown to where it is told
-            values = np.full(len(classes), np.nan)
+        values = np.full(len(classes), np.nan)  # no flight was flown to where it is told
+        if requirement.metric in results.column_names and requirement.metric not in TEXTS:
+            values = numbers(results, requirement.metric)
         verdicts.append(judge(requirement, np.where(untold, np.nan, values)))
     counted = Counter(classes.tolist())
     told = {

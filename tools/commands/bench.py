@@ -65,12 +65,12 @@ def as_object(found: "list[Latency]", seconds: float) -> dict[str, Any]:
 def rows_in(path: Path) -> "list[Latency]":
     """The rows of a file with `--json`'s object."""
     from flight_sw.errors import AeroshellError
+    from sim_harness.documents import read_json
     from tools.latency import Latency
 
+    found = read_json(path, AeroshellError)
     try:
-        return [Latency(**row) for row in json.loads(path.read_text(encoding="utf-8"))["rows"]]
-    except OSError as error:
-        raise AeroshellError(f"--rows {path}: cannot be read, {error.strerror}") from error
+        return [Latency(**row) for row in found["rows"]]
     except (ValueError, KeyError, TypeError) as error:
         raise AeroshellError(f"--rows {path}: is not what --json prints") from error
 

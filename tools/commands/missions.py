@@ -14,13 +14,13 @@ def missions(
     """List the shipped missions; a path of a mission TOML of your own flies as well."""
     from sim_harness.mission import list_missions, load_mission
     from tools.gains.image import DESIGN_NAME
-    from tools.gains.schema import read_tree
+    from tools.gains.schema import laws_of, read_tree
 
     rows = []
     for shipped in list_missions():
         mission = load_mission(shipped.path)
         design = mission.gains_folder / DESIGN_NAME
-        laws = list(read_tree(design).get("laws", [])) if design.is_file() else []
+        laws = laws_of(read_tree(design), design) if design.is_file() else []
         rows.append({"name": shipped.name, "title": shipped.title, "laws": laws})
     if as_json:
         tell(json.dumps(rows, indent=1))

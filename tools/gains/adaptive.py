@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from flight_sw.guidance.adaptive import HUGE, RATES
+from flight_sw.guidance.heat_flux_peak import PEAK_BY
 from flight_sw.types_ import Record
 from tools.gains.observer import fill_observer
 from tools.gains.schema import Sag, Tracking
@@ -39,6 +40,8 @@ def fill_tracking(law: Record, choice: Tracking, period_s: float) -> dict[str, A
     tracking["holds_integral"] = choice.integral == "held"
     tracking["hands_over"] = choice.hand_over == "bumpless"
     loop["guard_ratio"] = choice.guard_ratio
+    if choice.rate == "observer":
+        nominal["peak_by"] = PEAK_BY.index("samples")  # of the observer, which no few frames move
     nominal["peak_floor_ratio"] = choice.peak_floor_ratio
     nominal["peak_scale_exponent"] = choice.peak_scale_exponent
     if choice.path_loop == "designed":

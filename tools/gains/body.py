@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import MARKER
+from flight_sw.guidance.heat_flux_peak import PEAK_BY
 from flight_sw.limits import UNLIMITED
 from flight_sw.load_image import body_spec
 from flight_sw.onboard import ALPHA_ROWS, MACH_ROWS
@@ -19,6 +20,8 @@ from sim_harness.world.aerodynamics import areas
 from sim_harness.world.records import AERO_TABLE
 from tools.gains import adaptive, drag, lqy
 from tools.gains.schema import Axis, Design
+
+AGREEING_CYCLES_MIN = 3  # however long a minor frame is
 
 
 class Filled(NamedTuple):
@@ -98,6 +101,8 @@ def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
     body["gates"]["heat_flux_ratio_ps"] = gates.heat_flux_ratio_ps
     body["gates"]["heat_flux_margin_wpm2"] = gates.heat_flux_margin_kwpm2 * 1e3
     body["gates"]["attitude_margin_rad"] = math.radians(gates.attitude_margin_deg)
+    agreeing = round(gates.agreement_s / dt_s)
+    body["gates"]["agreeing_cycles"] = max(agreeing, AGREEING_CYCLES_MIN)
 
 
 def _nominal(record: Record, design: Design, mission: Mission) -> None:
@@ -107,7 +112,9 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
     limits, heating = mission.limits, mission.heating
     for name in ("heat_flux_max_kwpm2", "load_factor_max_g"):
         if not math.isfinite(getattr(limits, name)):
-            raise DesignError(f"laws: this one needs limits.{name}, which is missing")
+            raise DesignError(
+                f"laws: this one needs limits.{name}, which is infinite: allowed is a finite limit"
+            )
     if heating is None:
         raise DesignError("laws: this one needs a table [heating] in the mission")
     record["heat_flux_max_wpm2"] = limits.heat_flux_max_kwpm2 * 1e3
@@ -121,7 +128,10 @@ def _nominal(record: Record, design: Design, mission: Mission) -> None:
             f"{exponent:g}, the exponent of a constant heat flux"
         )
     record["peak_scale_exponent"] = 1.0
+    record["peak_by"] = PEAK_BY.index(choice.peak_by)
     for name, value in choice:
+        if name == "peak_by":
+            continue
         if name.endswith("_deg"):
             record[name.removesuffix("_deg") + "_rad"] = math.radians(value)
         elif name.endswith("_kwpm2"):

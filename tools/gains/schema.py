@@ -1,6 +1,5 @@
 """What a `design.toml` holds: every choice of the guidance engineer, with unit and range."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,8 +11,9 @@ from flight_sw.limits import AXIS_LIMITS
 from flight_sw.load_image import DIVIDER_MAX
 from flight_sw.modes import MODE_DESIGN
 from flight_sw.plausibility import GATES
+from sim_harness.documents import quoted, read_toml
 from sim_harness.mission_errors import sentence
-from sim_harness.quantities import INF, Quantity, Section, Series, Text, loaded, refusal
+from sim_harness.quantities import INF, Quantity, Section, Series, Text, loaded, plain, refusal
 from tools.gains.drag_choices import DragTracking, NominalFlight, RangePredictor
 
 
@@ -105,6 +105,9 @@ class Gates(Section):
         float,
         loaded(GATES, "attitude_margin_rad", "deg", "beyond what lies between flown and commanded"),
     ] = 3.0
+    agreement_s: Annotated[
+        float, Quantity("s", 1e-3, 100.0, "refused sets that agree for so long are believed")
+    ] = 0.5
 
 
 def angle(meaning: str) -> Quantity:
@@ -156,6 +159,8 @@ class Nominal(Section):
             "a heat-flux peak is one from so far below it; noise",
         ),
     ] = 0.0
+    peak_by: Literal["samples", "model"] = "model"
+    """What makes a heat-flux peak: falling samples, as printed, or with the model's consent."""
 
 
 class Lqy(Section):
@@ -301,18 +306,13 @@ class Design(Section):
     def _has_known_laws(self) -> Self:
         for law in self.laws:
             if law not in LAWS:
-                raise refusal(f'laws names "{law}", allowed {", ".join(LAWS)}')
+                raise refusal(f"laws names {quoted(law)}, allowed {', '.join(LAWS)}")
         return self
 
 
 def read_tree(path: Path) -> dict[str, Any]:
     """The file as nested tables; raises DesignError if it cannot be read as TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DesignError(f"{path}: cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DesignError(f"{path}: not TOML ({error})") from error
+    return read_toml(path, DesignError, str(path))
 
 
 def design_of(tree: dict[str, Any], where: str) -> Design:
@@ -322,3 +322,11 @@ def design_of(tree: dict[str, Any], where: str) -> Design:
     except ValidationError as error:
         problems = "; ".join(sentence(Design, tree, e) for e in error.errors()[:3])
         raise DesignError(f"{where}: {problems}") from error
+
+
+def laws_of(tree: dict[str, Any], path: Path) -> list[str]:
+    """The laws that a design names; raises DesignError where its list is none."""
+    laws = tree.get("laws", [])
+    if not isinstance(laws, list) or not all(isinstance(law, str) for law in laws):
+        raise DesignError(f"{path}: laws is {plain(laws)}, allowed a list of names of laws")
+    return laws

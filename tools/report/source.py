@@ -4,7 +4,6 @@ A campaign that is still flying, or was killed, is read from its journal; what i
 in `notes`, and nothing is assumed in its place.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,8 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
-from pydantic import ValidationError
 
 from flight_sw.errors import AeroshellError
 from sim_harness.dispersion_keys import Requirement
@@ -21,11 +18,22 @@ from sim_harness.mission import Mission, mission_of
 from sim_harness.outcomes import CLASSES, NOT_FLOWN
 from sim_harness.quantities import plain
 from sim_harness.requirements import Verdict, judge
+from tools.campaign.columns import TEXTS, numbers
+from tools.campaign.folder import (
+    JOURNAL,
+    MANIFEST,
+    MISSION,
+    RESULTS,
+    has_results,
+    read_journal,
+    read_manifest,
+    read_results,
+    read_samples,
+    requirement_of,
+)
 from tools.campaign.profiles import Profiles, read_profiles
-from tools.campaign.store import JOURNAL, MANIFEST, RESULTS, SAMPLES, read_manifest, read_samples
 
 F8 = npt.NDArray[np.float64]
-NEEDED = ("mission", "law", "load_crc32", "dispersions", "n", "seed", "samples_hash")
 NOT_VARIED = ("run", "seed")
 DONE = "done"
 EXCEEDED = "limits_exceeded"
@@ -69,20 +77,20 @@ class Source(NamedTuple):
 
     def values(self, key: str) -> F8:
         """A metric of all runs; NaN where it was not told or its flight means nothing."""
-        if key not in self.results.column_names:
+        if key not in self.results.column_names or key in TEXTS:
             return np.full(len(self.results), np.nan)
-        values = self.results[key].cast(pa.float64()).to_numpy(zero_copy_only=False)
+        values = numbers(self.results, key)
         return np.where(np.isin(self.classes, NOT_FLOWN), np.nan, values)
 
     def varied(self) -> dict[str, F8]:
         """The dispersed keys that differ from run to run, and their values."""
         keys = [key for key in self.samples.column_names if key not in NOT_VARIED]
-        columns = {key: self.samples[key].cast(pa.float64()).to_numpy() for key in keys}
+        columns = {key: numbers(self.samples, key) for key in keys}
         return {key: values for key, values in columns.items() if len(set(values)) > 1}
 
     def requirements(self) -> list[Requirement]:
         """What the mission requires."""
-        return [_requirement(told) for told in self.manifest.get("requirements", [])]
+        return [requirement_of(told) for told in self.manifest.get("requirements", [])]
 
     def verdicts(self) -> list[Verdict]:
         """The requirements judged by the flights that are there; runs by their number."""
@@ -115,16 +123,8 @@ class Source(NamedTuple):
 
     def mission(self) -> Mission:
         """The mission before dispersions; raises AeroshellError where it is none of today's."""
-        try:
-            tree, file = self.manifest["job"]["mission_tree"], self.manifest["job"]["mission_file"]
-        except (KeyError, TypeError) as error:
-            raise ReportError(f"{self.folder / MANIFEST}: keeps no mission") from error
-        return mission_of(tree, Path(str(file)), str(self.folder / MANIFEST))
-
-
-def _requirement(told: dict[str, Any]) -> Requirement:
-    """A requirement as the manifest keeps it, bounds that it does not have being null."""
-    return Requirement.model_validate({k: v for k, v in told.items() if v is not None})
+        path = self.folder / MISSION
+        return mission_of(self.manifest["job"]["mission_tree"], path, str(self.folder / MANIFEST))
 
 
 def numeric_keys(results: pa.Table) -> list[str]:
@@ -138,55 +138,18 @@ def _checked_manifest(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise ReportError(f"{folder}: {what}, allowed is the folder of a campaign")
-    manifest = read_manifest(folder)
-    identity = manifest.get("identity") if isinstance(manifest, dict) else None
-    missing = [key for key in NEEDED if not isinstance(identity, dict) or key not in identity]
-    if missing:
-        raise ReportError(f"{folder / MANIFEST}: says no {missing[0]}: not a campaign's manifest")
-    for told in manifest.get("requirements", []):
-        try:
-            _requirement(told)
-        except (ValidationError, AeroshellError, ValueError) as error:
-            raise ReportError(f"{folder / MANIFEST}: a requirement cannot be read") from error
-    return manifest
+    return read_manifest(folder)
 
 
-def _from_journal(folder: Path) -> pa.Table:
-    """What a campaign has flown so far."""
-    rows: dict[int, dict[str, Any]] = {}
-    try:
-        lines = (folder / JOURNAL).read_bytes().split(b"\n")
-    except OSError as error:
-        raise ReportError(
-            f"{folder}: has no results, neither {RESULTS} nor {JOURNAL} is there"
-        ) from error
-    for line in lines:
-        try:
-            row = json.loads(line)
-            rows[int(row["run"])] = row
-        except (ValueError, KeyError, TypeError):
-            continue  # the line that is being written, or was when the writer was killed
-    if not rows:
+def _results(folder: Path, manifest: dict[str, Any]) -> pa.Table:
+    """The results, or as many as there are."""
+    if has_results(folder):
+        return read_results(folder, manifest)
+    if not (folder / JOURNAL).is_file():
+        raise ReportError(f"{folder}: has no results, neither {RESULTS} nor {JOURNAL} is there")
+    table = read_journal(folder, manifest["identity"]["n"])
+    if table is None:
         raise ReportError(f"{folder}: has no results yet, no flight of it has ended")
-    keys = dict.fromkeys(key for run in sorted(rows) for key in rows[run])
-    return pa.table({key: [rows[run].get(key) for run in sorted(rows)] for key in keys})
-
-
-def _results(folder: Path, n: int) -> pa.Table:
-    """The results, checked against the manifest."""
-    path = folder / RESULTS
-    if not path.is_file():
-        return _from_journal(folder)
-    try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        told = str(error).split("\n", maxsplit=1)[0]
-        raise ReportError(f"{path}: cannot be read ({told})") from error
-    for key in ("run", "outcome_class"):
-        if key not in table.column_names:
-            raise ReportError(f"{path}: has no column {key}: not the results of a campaign")
-    if len(table) != n:
-        raise ReportError(f"{path}: has {len(table):,} flights, {MANIFEST} says {n:,}")
     return table
 
 
@@ -194,12 +157,10 @@ def read_source(folder: Path) -> Source:
     """One campaign from its folder; raises AeroshellError with what is wrong."""
     manifest = _checked_manifest(folder)
     identity = manifest["identity"]
-    n = int(identity["n"])
-    results = _results(folder, n)
-    samples = read_samples(folder)
+    n = identity["n"]
+    results = _results(folder, manifest)
+    samples = read_samples(folder, manifest)
     runs = results["run"].to_numpy()
-    if len(samples) != n or runs.min() < 1 or runs.max() > n:
-        raise ReportError(f"{folder / SAMPLES}: has {len(samples):,} rows, {MANIFEST} says {n:,}")
     notes = []
     profiles = None
     if len(results) < n:
@@ -207,11 +168,9 @@ def read_source(folder: Path) -> Source:
             f"incomplete: {len(results):,} of {n:,} flights have been flown, judged are those"
         )
     else:
-        profiles = read_profiles(folder)
+        profiles = read_profiles(folder, n)
     if profiles is None:
         notes.append("no profiles over speed are kept: the corridor is not drawn")
-    elif len(profiles.runs) != n:
-        raise ReportError(f"{folder}: has profiles of {len(profiles.runs):,} flights, not {n:,}")
     label = str(identity["law"])
     return Source(folder, label, manifest, results, samples.take(runs - 1), profiles, tuple(notes))
 
@@ -250,4 +209,4 @@ def _check_same_samples(first: Source, other: Source) -> None:
 
 
 def _all_samples(source: Source) -> pa.Table:
-    return read_samples(source.folder)
+    return read_samples(source.folder, source.manifest)

@@ -22,6 +22,7 @@ AS_PRINTED = (
     "design.tracking.adaptation_s=0",
     "design.tracking.peak_floor_ratio=0",
     "design.tracking.peak_scale_exponent=1",
+    "design.nominal.peak_by=samples",
     "design.sag.error_max_deg=inf",
     "design.sag.gain_max_ratio=inf",
 )

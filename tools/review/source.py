@@ -5,7 +5,6 @@ review and named in `gaps`; nothing is assumed in its place.
 """
 
 import functools
-import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.errors import AeroshellError, RecordingError
+from sim_harness import documents
 from sim_harness.mission import Mission, load_mission
 from sim_harness.telemetry.reader import Recording, open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
@@ -85,13 +85,11 @@ class FlightData:
     @functools.cached_property
     def tables(self) -> dict[str, Any]:
         """The mission as it was flown, with its overrides; the file where it is not understood."""
-        import tomllib
-
         if self.mission is not None:
             return self.mission.model_dump()
         try:
-            return tomllib.loads(self.recording.attachment(MISSION_SUFFIX).decode())
-        except (RecordingError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+            return documents.toml_of(self.recording.attachment(MISSION_SUFFIX))
+        except (RecordingError, documents.DocumentError):
             return {}
 
     def _mission(self) -> tuple[Mission | None, Any]:
@@ -103,7 +101,9 @@ class FlightData:
             self.gaps.append("no mission is attached: no planet, limits and corridor")
             return None, None
         try:
-            overrides = json.loads(self.recording.manifest.get(OVERRIDES, "{}"))
+            overrides = documents.json_of(self.recording.manifest.get(OVERRIDES, "{}").encode())
+            if not isinstance(overrides, dict):
+                raise documents.DocumentError("its overrides are no table")
             with tempfile.TemporaryDirectory() as folder:
                 root = Path(folder)
                 for name, content in attachments.items():
