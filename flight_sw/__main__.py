@@ -1,12 +1,15 @@
 """`python -m flight_sw --load FILE --bus unix:PATH`: the flight computer by itself."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
 from flight_sw import program
 
 PACE_LOW, PACE_HIGH = 0.01, 1000.0
+TIMEOUT_LOW_S = 1.0
+SILENCE_TIMEOUT_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,12 +38,39 @@ def _boot(arguments: list[str] | None) -> int:
         metavar="FACTOR",
         help="mission seconds per second of the clock, 0.01 to 1000 (default: %(default)s)",
     )
+    parser.add_argument(
+        "--silence-timeout-s",
+        type=float,
+        default=SILENCE_TIMEOUT_S,
+        metavar="S",
+        help="end once armed and without a frame from a harness for so long by the clock, "
+        "1 or more, inf: never (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--waiting-timeout-s",
+        type=float,
+        default=math.inf,
+        metavar="S",
+        help="the same before it is armed (default: %(default)s)",
+    )
     options = parser.parse_args(arguments)
+    for name in ("silence_timeout_s", "waiting_timeout_s"):
+        if not getattr(options, name) >= TIMEOUT_LOW_S:
+            parser.error(
+                f"--{name.replace('_', '-')} is {getattr(options, name):g}, "
+                f"allowed {TIMEOUT_LOW_S:g} or more"
+            )
     if not PACE_LOW <= options.pace <= PACE_HIGH:
         parser.error(f"--pace is {options.pace:g}, allowed {PACE_LOW:g} to {PACE_HIGH:g}")
     from flight_sw.boot import Timing, boot  # the compiler is slow to import: not for --help
 
-    boot(options.load, options.bus, Timing(options.synchronisation, options.pace))
+    timing = Timing(
+        options.synchronisation,
+        options.pace,
+        options.silence_timeout_s,
+        options.waiting_timeout_s,
+    )
+    boot(options.load, options.bus, timing)
     return program.DONE
 
 

@@ -1,16 +1,15 @@
 """Boot: read and check the load, open the bus, announce, compile, serve, report.
 
 From opening the bus until the first cycle the computer announces itself with FSW_BOOT, so that the
-ground can tell a computer that compiles from one that is not there.
+ground can tell a computer that compiles from one that is not there; and again while its harness is
+silent, so that whoever comes then hears that the bus is taken.
 """
 
 import gc
 import json
+import math
 import signal
-import socket
-import threading
 import time
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -19,9 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
+from flight_sw.__main__ import SILENCE_TIMEOUT_S
+from flight_sw.announcer import ARMED, READY, Announcer
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
 from flight_sw.can.error_frames import account_of
-from flight_sw.can.receiver import VERDICTS
+from flight_sw.can.receiver import LOST, OK, VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
@@ -34,74 +35,20 @@ from flight_sw.executive import (
     SYNCHRONISATIONS,
     serve,
 )
-from flight_sw.guidance import LAWS
 from flight_sw.histogram import filled_bins_us, percentiles_us
+from flight_sw.identity import SOURCES, draw_number, name_of
 from flight_sw.kernel_cache import on_compiling
-from flight_sw.load_image import LoadImage, activate, read_image
+from flight_sw.load_image import activate, read_image
 from flight_sw.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.streams import say, tell
 
 SLICE_NS = 100_000_000  # between two looks at signals
-ANNOUNCE_S = icd.layout("FSW_BOOT").cycle_ms / 1e3
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
 NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILES = "flight computer: compiling law"
-COMPILING, READY = 0, 1
-COUNTER_BITS_AT, COUNTER_VALUES = 8, 16
-
-
-def boot_frame(crc32: int, law: str, state: int, counter: int) -> bytes:
-    """FSW_BOOT as it lies on the wire, made without a compiled kernel."""
-    message = icd.layout("FSW_BOOT")
-    values = {"load_crc32": crc32, "state": state, "law": list(LAWS).index(law)}
-    word = (counter % COUNTER_VALUES) << COUNTER_BITS_AT
-    for signal_ in message.signals:
-        word |= (values[signal_.name] & ((1 << signal_.bits) - 1)) << signal_.start_bit
-    payload = word.to_bytes(8, "little")[1:] + bytes([message.data_ids[counter % COUNTER_VALUES]])
-    crc = 0xFF
-    for byte in payload:  # AUTOSAR CRC-8H2F, the slow way
-        crc ^= byte
-        for _ in range(8):
-            crc = ((crc << 1) ^ (0x2F if crc & 0x80 else 0)) & 0xFF
-    frame = np.zeros(1, FRAME)
-    frame["can_id"], frame["dlc"], frame["data"] = message.can_id, 8, word | (crc ^ 0xFF)
-    return frame.tobytes()
-
-
-@dataclass
-class Announcer:
-    """Sends FSW_BOOT in its own thread until told to stop."""
-
-    bus: socket.socket
-    image: LoadImage
-    state: int = COMPILING
-    counter: int = 0
-    _over: threading.Event = field(default_factory=threading.Event)
-
-    def announce(self) -> bool:
-        """Send one FSW_BOOT; a bus that takes none is noticed by the loop that follows."""
-        frame = boot_frame(self.image.crc32, self.image.law, self.state, self.counter)
-        self.counter += 1
-        try:
-            self.bus.send(frame, socket.MSG_DONTWAIT)
-        except OSError:
-            return False
-        return True
-
-    def __enter__(self) -> "Announcer":
-        self._thread = threading.Thread(target=self._repeat, daemon=True)
-        self._thread.start()
-        return self
-
-    def _repeat(self) -> None:
-        while not self._over.is_set():
-            self.announce()
-            self._over.wait(ANNOUNCE_S)
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
+HEARD = (*identifiers_from("HARNESS"), icd.layout("FSW_BOOT").can_id)
+SILENCE_TOLD_S = 1.0  # of the harness, after which the computer says again that it is here
 
 
 class Timing(NamedTuple):
@@ -110,6 +57,25 @@ class Timing(NamedTuple):
     synchronisation: str = "lockstep"
     pace: float = 1.0
     """Mission seconds per second of the clock; lockstep has none."""
+    silence_timeout_s: float = SILENCE_TIMEOUT_S
+    """By the clock: an armed computer ends that hears nothing of a harness for so long."""
+    waiting_timeout_s: float = math.inf
+    """The same before it is armed."""
+
+
+class HarnessWatch:
+    """Tells how long no frame of a harness was accepted; `look` is called ten times a second."""
+
+    def __init__(self, state: npt.NDArray[np.void]) -> None:
+        self._counted = state["rx"]["counted"][0]
+        self._accepted, self._heard_s = 0, time.monotonic()
+
+    def look(self) -> float:
+        """Seconds of silence so far."""
+        now_s, accepted = time.monotonic(), int(self._counted[OK] + self._counted[LOST])
+        if accepted != self._accepted:
+            self._accepted, self._heard_s = accepted, now_s
+        return now_s - self._heard_s
 
 
 class FlightComputer:
@@ -118,11 +84,15 @@ class FlightComputer:
     def __init__(self, load_path: Path, bus_address: str, timing: Timing) -> None:
         self.image = read_image(load_path)
         self.load: npt.NDArray[np.void] = activate(self.image)
-        self.state = new_state(self.image.law)
+        self.number = draw_number()
+        self.state = new_state(self.image.law, self.number)
+        self.timing = timing
+        self.silence = ""
         self.executive = np.zeros(1, EXECUTIVE)
         self.executive["synchronisation"] = SYNCHRONISATIONS.index(timing.synchronisation)
         self.executive["period_ns"] = round(float(self.load["dt_s"][0]) / timing.pace * 1e9)
-        self.bus = open_bus(bus_address, hears=identifiers_from("HARNESS"))
+        self.address = bus_address
+        self.bus = open_bus(bus_address, hears=HEARD)
         self.bus.setblocking(False)
         self.io = new_io(RX_CAPACITY)
         self.rx = np.zeros(RX_CAPACITY, FRAME)
@@ -175,10 +145,34 @@ class FlightComputer:
     def _end(self, number: int, frame: FrameType | None) -> None:
         self.asked_to_end = True
 
+    def _check_alone(self, announcer: Announcer) -> None:
+        """Refuse to serve a bus that another computer serves."""
+        if other := announcer.who_serves():
+            raise FlightError(
+                f"{self.address}: flight computer {name_of(other)} serves this bus already"
+            )
+
+    def _has_silent_harness(self, watch: HarnessWatch, announcer: Announcer) -> bool:
+        """Announce where that is due; True once the harness was silent for too long."""
+        silent_s = watch.look()
+        is_armed = bool(self.state["armed"][0])
+        has_flown = bool(self.executive["cycles"][0])
+        if not has_flown or silent_s > SILENCE_TOLD_S:
+            announcer.state = ARMED if is_armed else READY
+            if announcer.announce() and not has_flown:
+                self.executive["down_ns"] = 0
+        limit_s = self.timing.silence_timeout_s if is_armed else self.timing.waiting_timeout_s
+        if silent_s <= limit_s:
+            return False
+        cycles = int(self.executive["cycles"][0])
+        self.silence = f"no frame from a harness for {limit_s:g} s, after {cycles} cycles"
+        return True
+
     def run(self) -> int:
         """Announce, compile and serve; returns the executive's last word."""
-        with Announcer(self.bus, self.image) as announcer:
+        with Announcer(self.bus, self.image, self.number) as announcer:
             self.compile()
+        self._check_alone(announcer)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
         paced = self.executive["synchronisation"][0] != LOCKSTEP
@@ -191,11 +185,10 @@ class FlightComputer:
             self.take_priority(missing)
         else:
             run_in_bursts()
-        announcer.state = READY  # from here on nothing but the loop takes time
-        outcome = RUNNING
+        outcome, watch = RUNNING, HarnessWatch(self.state)  # from here on only the loop takes time
         while outcome == RUNNING and not self.asked_to_end:
-            if not self.executive["cycles"][0] and announcer.announce():
-                self.executive["down_ns"] = 0
+            if self._has_silent_harness(watch, announcer):
+                break
             outcome = self._serve(self.state, self.executive, SLICE_NS)
         return outcome
 
@@ -213,6 +206,8 @@ class FlightComputer:
         errors = account_of(executive["errors"])
         return {
             "law": self.image.law,
+            "computer": name_of(self.number),
+            "sources": name_of(SOURCES),
             "load_crc32": f"0x{self.image.crc32:08x}",
             "cycles": int(executive["cycles"]),
             "frames_received": int(executive["frames_received"]),
@@ -246,6 +241,8 @@ def boot(load_path: Path, bus_address: str, timing: Timing) -> None:
     outcome = computer.run()
     tell(json.dumps(computer.report()))
     computer.bus.close()
+    if computer.silence:
+        raise FlightError(f"{bus_address}: {computer.silence}")
     if outcome == BUS_LOST:
         cycles, down_s = int(computer.executive["cycles"][0]), computer.bus_down_s()
         how = f", its interface down for {down_s:.1f} s" if down_s > 0.0 else ""

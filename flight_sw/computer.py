@@ -17,6 +17,7 @@ from flight_sw.can.receiver import RX_STATE, receiver_tick, report_counters
 from flight_sw.candidate import CANDIDATE
 from flight_sw.dictionary import GUIDANCE, NAV
 from flight_sw.guidance import law_module, law_step
+from flight_sw.identity import ALONE, NOBODY
 from flight_sw.jit import kernel
 from flight_sw.limits import LIMITER, limit
 from flight_sw.onboard import FORCES
@@ -55,6 +56,8 @@ def state_dtype(law: str) -> np.dtype[np.void]:
             ("cycles_run", "u4"),  # since boot; wraps
             ("mode", "u4"),
             ("armed", "u4"),
+            ("number", "u4"),  # that this computer drew for itself
+            ("harness", "u4"),  # number of the one that it flies with; 0: none has named it
             ("stop", "u4"),
             ("radius_m", "f8"),  # of the planet, beside the fix for the gates
             ("fix_valid", "u4"),  # this cycle's navigation set was complete and consistent
@@ -84,9 +87,10 @@ def state_dtype(law: str) -> np.dtype[np.void]:
     )
 
 
-def new_state(law: str) -> npt.NDArray[np.void]:
+def new_state(law: str, number: int = ALONE) -> npt.NDArray[np.void]:
     """A computer's state before its first frame, shape (1,)."""
     state = np.zeros(1, state_dtype(law))
+    state["number"] = number
     state["fresh"] = NO_SLOT
     state["aside"]["counter"] = NO_SLOT
     state["cycle"] = CYCLE_MODULUS - 1
@@ -228,7 +232,10 @@ def _send_status(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
 
 @kernel
 def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
-    """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length."""
+    """One cycle, its navigation set closed: appends the answer to `tx`, returns its new length.
+
+    A computer that no harness has named keeps silent: whoever flies on this bus flies with another.
+    """
     state["cycles_run"] += 1
     ticked = state["fresh"][gate.TIME] == NO_SLOT
     _take_fix(load, state)
@@ -237,6 +244,8 @@ def step(load: Record, state: Record, tx: Frames, n_tx: int) -> int:
     state["mode"] = modes.next_mode(state["mode"], modes.conditions(load["modes"], state))
     _guide(load, state)
     _limit_commands(load, state)
+    if state["harness"] == NOBODY:
+        return n_tx
     before = n_tx
     n_tx = _send(load, state, COMMAND, tx, n_tx)
     if n_tx > before:

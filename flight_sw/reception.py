@@ -20,6 +20,7 @@ from flight_sw.can.e2e import counter_of
 from flight_sw.can.receiver import (
     COUNTER_MASK,
     IMPLAUSIBLE,
+    MISDIRECTED,
     OK,
     REPEATED,
     WRONG_SEQUENCE,
@@ -32,15 +33,20 @@ from flight_sw.can.receiver import (
 from flight_sw.candidate import GAP_MAX_CYCLES, NAV_SLOTS, fill_nav, join, surprise
 from flight_sw.dictionary import TICK_ID
 from flight_sw.jit import kernel
+from flight_sw.requests import (
+    PRESENT,
+    REQUEST,
+    REQUEST_COMPUTER,
+    REQUEST_HARNESS,
+    is_meant,
+    take_presence,
+    take_request,
+)
 from flight_sw.types_ import F8, Record
 
 SET_SLOTS = (*NAV_SLOTS, gate.TIME)
 FIRST_NAV, LAST_NAV = min(SET_SLOTS), max(SET_SLOTS)
-REQUEST = icd.slot("GROUND_REQUEST")
-REQUEST_CODE = icd.value_index("GROUND_REQUEST", "request")
-REQUEST_KEY = icd.value_index("GROUND_REQUEST", "load_crc32")
 
-ARM, STOP = 1, 2
 NO_SLOT = -1
 MAJORITY = 4  # of the six messages: a time message ahead of its cycle needs so many beside it
 
@@ -73,29 +79,24 @@ def _copy_message(codec: Record, slot: int, source: F8, target: F8) -> None:
 
 
 @kernel
-def _take_request(load: Record, state: Record) -> None:
-    """Arm or stop, if the request names the load that is flying."""
-    received = state["accepted"]
-    if int(received[REQUEST_KEY]) != int(load["crc32"]):
-        return
-    request = int(received[REQUEST_CODE])
-    if request == ARM:
-        state["armed"] = 1
-    elif request == STOP:
-        state["stop"] = 1
-
-
-@kernel
 def _receive_other(load: Record, state: Record, frame: Record, slot: int, verdict: int) -> None:
-    """A frame that is not of the navigation set: a request, or nothing for us."""
+    """A frame that is not of the navigation set: a request, a harness's presence, or nothing."""
     rx = state["rx"]
+    received = state["received"]
     if not is_valid(verdict):
         refuse(rx, verdict)
+        return
+    if slot == REQUEST and not is_meant(
+        state, received[REQUEST_COMPUTER], received[REQUEST_HARNESS]
+    ):
+        refuse(rx, MISDIRECTED)
         return
     accept(rx, slot, counter_of(frame["data"]), verdict)
     _copy_message(load["codec"], slot, state["received"], state["accepted"])
     if slot == REQUEST:
-        _take_request(load, state)
+        take_request(state)
+    elif slot == PRESENT:
+        take_presence(state)
 
 
 @kernel

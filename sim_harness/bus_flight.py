@@ -7,10 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-import numpy as np
-
-from flight_sw import icd
-from flight_sw.boot import READY
 from flight_sw.can.address import frames_dropped, open_bus
 from flight_sw.can.sockets import new_io, send_frames
 from flight_sw.dictionary import FRAME, RX_CAPACITY
@@ -23,7 +19,7 @@ from flight_sw.privileges import (
     take_priority,
     unlock_memory,
 )
-from flight_sw.reception import ARM, STOP
+from flight_sw.requests import ARM, STOP
 from flight_sw.scheduling import run_in_bursts
 from flight_sw.types_ import Frames
 from sim_harness.bus.ear import no_ear, socket_ear
@@ -31,45 +27,26 @@ from sim_harness.bus.hub import Hub
 from sim_harness.bus.place import bus_place
 from sim_harness.computer_process import ComputerProcess
 from sim_harness.flight import FlightPlan, FlightRun
-from sim_harness.jit import kernel
 from sim_harness.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
 from sim_harness.pacing import fly_in_real_time, punctuality, stolen_s
-from sim_harness.port import take
+from sim_harness.roles import LISTEN_S, Company, Presence, drain, listen
 
-BOOT = icd.slot("FSW_BOOT")
-BOOT_CRC = icd.value_index("FSW_BOOT", "load_crc32")
-BOOT_STATE = icd.value_index("FSW_BOOT", "state")
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 START_UP_S = 120.0  # before the first: a process of ours that imports on a machine with no time
-LISTEN_S = 0.05
+LISTEN_ONCE_S = 0.05
 HEAR_PAUSE_S = 0.02
 REST_S, REST_MAX_S = 0.005, 0.05  # for frames on their way at the end of a flight
-NOT_BOOT = -1
+WAITING_TIMEOUT_S = 60.0  # of our own computer for us, should we end without ending it
 STOPS_MAX, STOP_AGAIN_S = 10, 0.2
 CYCLES_MAX = 1 << 40
 
 
-@kernel
-def hear_boot(harnesses: Frames, frames: Frames, crc32: int) -> int:
-    """State that an FSW_BOOT frame announces for our load; NOT_BOOT for any other frame."""
-    harness = harnesses[0]
-    port = harness["port"]
-    before = port["rx"]["counted"][0] + port["rx"]["counted"][1]
-    take(harness["codec"], port, frames[0], 0)
-    if port["rx"]["counted"][0] + port["rx"]["counted"][1] == before:
-        return NOT_BOOT
-    if frames[0]["can_id"] != harness["codec"]["can_id"][BOOT]:
-        return NOT_BOOT
-    if int(port["received"][BOOT_CRC]) != crc32:
-        return NOT_BOOT
-    return int(port["received"][BOOT_STATE])
-
-
 def computer_options(plan: FlightPlan) -> list[str]:
     """What the flight computer is told of the pace."""
+    options = ["--waiting-timeout-s", f"{WAITING_TIMEOUT_S:g}"]
     if plan.pace <= 0.0:
-        return []
-    return ["--synchronisation", plan.synchronisation, "--pace", f"{plan.pace:g}"]
+        return options
+    return [*options, "--synchronisation", plan.synchronisation, "--pace", f"{plan.pace:g}"]
 
 
 def why_lost(address: str) -> str:
@@ -94,7 +71,7 @@ class BusFlight:
         if plan.bus == "unix":
             path = resources.enter_context(bus_place())
             with run.compiling("the bus"):
-                hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded)
+                hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded, tell=run.warn)
                 self.ear = resources.enter_context(hub).ear
             address = f"unix:{path}"
         elif plan.recorded:  # before the socket for the answers, so that it hears them first
@@ -102,6 +79,11 @@ class BusFlight:
         run.harness["has_ear"] = int(plan.recorded)
         run.hear(self.ear)  # compiles what the ear takes, before there is anything to miss
         self.bus = self._open(resources, address)
+        self.company = Company(plan.bus, run.number, run.image.crc32)
+        self.presence = Presence(self.bus, run.number)
+        resources.callback(self.presence.stop)
+        self.listen_s = 0.0 if plan.bus == "unix" else LISTEN_S
+        self._claim()
         self.computer: ComputerProcess | None = None
         if plan.own_computer:
             self.computer = resources.enter_context(
@@ -128,36 +110,50 @@ class BusFlight:
         timeout_ns = int(run.plan.reply_timeout_s * 1e9)
         return int(fly_in_lockstep(run.harness, self.wire, run.logs, cycles, timeout_ns))
 
-    def _hear(self) -> int:
-        """The state that the next frame from the bus announces, NOT_BOOT for silence."""
-        self.bus.settimeout(LISTEN_S)
+    def _hear(self) -> bool:
+        """Take the next packet from the bus; False for silence."""
+        self.bus.settimeout(LISTEN_ONCE_S)
         try:
-            raw = self.bus.recv(FRAME.itemsize)
+            packet = self.bus.recv(FRAME.itemsize)
         except TimeoutError:
-            return NOT_BOOT
+            return False
         except OSError as error:
             raise FlightError(
                 f"bus {self.run.plan.bus} was lost before the flight began ({error.strerror})"
             ) from error
         finally:
             self.bus.setblocking(False)
-        if not raw:
+        if not packet:
             raise FlightError("the bus was closed before the flight began")
-        if len(raw) != FRAME.itemsize:
-            return NOT_BOOT
-        frame = np.frombuffer(raw, FRAME).copy()
-        return int(hear_boot(self.run.harness, frame, self.run.image.crc32))
+        self.company.hear(packet)
+        return True
+
+    def _claim(self) -> None:
+        """Say that the bus is this harness's, unless somebody is there already."""
+        company, plan = self.company, self.run.plan
+        listen(self.bus, company, self.listen_s)
+        company.check_harnesses(claimed=False)
+        company.check_computers(most=0 if plan.own_computer else 1)
+        self.presence.start()
+        listen(self.bus, company, self.listen_s)
+        company.check_harnesses(claimed=True)
 
     def await_computer(self) -> None:
-        """Wait until the flight computer announces our load as ready."""
+        """Wait until the flight computer announces our load as ready, and nobody else is here."""
+        company = self.company
+        drain(self.bus)  # what lies there may be of those who have gone
+        company.forget()
         start_s = heard_s = time.monotonic()
         silence_max_s = SIGN_OF_LIFE_S if self.computer is None else START_UP_S
-        while (state := self._hear()) != READY:
+        while not company.ready() or time.monotonic() - start_s < self.listen_s:
+            self._hear()
             self.run.hear(self.ear)
             if self.computer is not None:
                 self.computer.fail_if_ended()
+            company.check_harnesses(claimed=True)
+            company.check_computers(most=1)
             now_s = time.monotonic()
-            if state != NOT_BOOT:
+            if company.has_ours():
                 heard_s, silence_max_s = now_s, SIGN_OF_LIFE_S
                 does = "compiles" if self.computer and self.computer.is_compiling else "loads"
                 self.run.waiting(
@@ -166,8 +162,21 @@ class BusFlight:
             if now_s - heard_s > silence_max_s:
                 raise FlightError(
                     f"no flight computer with load 0x{self.run.image.crc32:08x} announced itself "
-                    f"on {self.run.plan.bus} for {silence_max_s:g} s"
+                    f"on {self.run.plan.bus} for {silence_max_s:g} s{company.other_loads()}"
                 )
+        self._take_on(company.ready())
+
+    def _take_on(self, number: int) -> None:
+        """Fly with this computer: it is named in all that is said from here on."""
+        if sentence := self.company.other_sources(number):
+            if not self.run.plan.other_sources:
+                raise FlightError(sentence)
+            self.run.warn(sentence)
+        port = self.run.harness["port"]
+        self.presence.stop()
+        self.presence.computer = number
+        self.presence.say()
+        port["computer"], port["present_counter"] = number, self.presence.counter
 
     def _send(self, frames: Frames) -> None:
         """Send outside the loop; a bus that takes nothing ends the flight."""
@@ -183,7 +192,6 @@ class BusFlight:
                 fly_in_real_time(run.harness, run.pacer, self.wire, run.logs, 0)
             else:
                 self.chunk(0)
-            hear_boot(run.harness, np.zeros(1, FRAME), 0)
         run.harness["port"]["rx"]["counted"] = 0
         run.harness["port"]["frames_received"] = 0
         self.await_computer()

@@ -23,9 +23,10 @@ from flight_sw.computer import minor_frame, new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.histogram import HISTOGRAM, filled_bins_us, percentiles_us
+from flight_sw.identity import ALONE, NOBODY, draw_number
 from flight_sw.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, activate, parse_image
-from flight_sw.reception import ARM, STOP
+from flight_sw.requests import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear
 from sim_harness.error_watch import ErrorWatch
@@ -45,6 +46,7 @@ from sim_harness.navigation import beyond_the_bus, report_truth
 from sim_harness.navigation_watch import NavigationWatch
 from sim_harness.pacing import new_pacer
 from sim_harness.port import new_port, put_request
+from sim_harness.roles import RoleWatch
 from sim_harness.slip_watch import SlipWatch, slips_so_far
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import FLYING, OUTCOMES, TRUTH
@@ -84,6 +86,8 @@ class FlightPlan:
     """Mission seconds per second of the clock; 0: lockstep."""
     synchronisation: str = "frame"
     """How the flight computer waits when there is a pace: `frame` or `clock`."""
+    other_sources: bool = False
+    """A flight computer of other sources is warned of, not refused."""
     own_computer: bool = True
     """False: a flight computer with this load is on the bus already."""
 
@@ -144,8 +148,11 @@ class FlightRun:
         onboard = self.onboard or onboard_of(plan.load_image, str(plan.load_path))
         self.image, self.load = onboard
         self.harness = new_harness(plan, self.load)
+        self.number = ALONE if plan.bus == "memory" else draw_number()
+        self.harness["port"]["harness"] = self.number
+        if plan.bus != "memory":
+            self.harness["port"]["computer"] = NOBODY
         self.pacer = new_pacer(plan)
-        self.harness["load_crc32"] = self.image.crc32
         cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
         if plan.pace > 0.0:
             wanted = round(RING_S * plan.pace / plan.mission.dt_s)
@@ -162,7 +169,7 @@ class FlightRun:
         self.tx = np.zeros(TX_CAPACITY, FRAME)
         self.journal: Journal | None = None
         self._sha256 = hashlib.sha256()
-        self.slip_watch = SlipWatch()
+        self.slip_watch, self.role_watch = SlipWatch(), RoleWatch()
         self.error_watch = ErrorWatch()
         self.navigation_watch = NavigationWatch()
 
@@ -181,7 +188,7 @@ class FlightRun:
     def request(self, code: int) -> Frames:
         """The frame of a request to the flight computer, logged as sent unless an ear hears it."""
         harness = self.harness
-        n = put_request(harness["codec"][0], harness["port"][0], code, self.image.crc32, self.tx)
+        n = put_request(harness["codec"][0], harness["port"][0], code, self.tx)
         if self.plan.recorded and not harness["has_ear"][0]:
             rows = np.zeros(n, BUS_LOG)
             rows["t_s"] = harness["truth"]["t_s"]
@@ -254,6 +261,8 @@ class FlightRun:
             if self.plan.recorded or self.plan.truth_kept:
                 listener.rows(bus, truth)
             listener.progress(self)
+        if self.plan.bus != "memory":
+            self.warn(self.role_watch.look(time.monotonic(), self))
         self.warn(self.error_watch.look(account_of(self.harness["port"]["errors"][0])))
         for said in self.navigation_watch.look(self.harness[0]["navigation"]):
             self.warn(said)

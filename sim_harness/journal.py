@@ -22,9 +22,12 @@ import numpy.typing as npt
 from numba import types
 
 from flight_sw.can.libc import IOVEC, c_function, last_errno
-from flight_sw.types_ import Record
+from flight_sw.echo import is_plain_name
+from flight_sw.errors import RecordingError
+from flight_sw.types_ import U8, Record
 from sim_harness.jit import kernel
-from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.telemetry.files import read_whole
+from sim_harness.telemetry.records import BUS_LOG, TIME_MAX_S
 
 Rows = npt.NDArray[np.void]
 
@@ -38,6 +41,8 @@ BUS_ROW_BYTES = BUS_LOG.itemsize
 WORD_BYTES = 8
 SUM_START, SUM_FACTOR = np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3)  # FNV-1a
 ENOSPC = errno.ENOSPC
+HEAD_BYTES_MAX, ROW_BYTES_MAX, DEPTH_MAX = 1 << 20, 1 << 16, 4  # of what is read
+FORMS = ("<f8", "<i8", "<u8", "<f4", "<i4", "<u4", "<i2", "<u2", "|i1", "|u1", "|b1")
 NONE = 0  # no file: descriptor 0 is never ours
 
 BLOCK = np.dtype([("magic", "<u4"), ("kind", "<u4"), ("bytes", "<u8"), ("sum", "<u8")])
@@ -71,6 +76,15 @@ def rows_sum(rows: Rows, first: int, last: int, row_words: int) -> np.uint64:
     words = rows.view(np.uint64)
     found = SUM_START
     for i in range(first * row_words, last * row_words):
+        found = (found ^ words[i]) * SUM_FACTOR
+    return found
+
+
+@kernel
+def words_sum(words: U8) -> np.uint64:
+    """The checksum of words as they stand in a file, which are not to be written to."""
+    found = SUM_START
+    for i in range(len(words)):
         found = (found ^ words[i]) * SUM_FACTOR
     return found
 
@@ -217,43 +231,32 @@ def _described(dtype: np.dtype) -> list[Any]:
     ] + [dtype.itemsize]
 
 
-def _dtype(described: list[Any]) -> np.dtype:
-    *fields, size = described
-    return np.dtype(
-        {
-            "names": [name for name, _, _ in fields],
-            "formats": [_dtype(t) if isinstance(t, list) else np.dtype(t) for _, t, _ in fields],
-            "offsets": [offset for _, _, offset in fields],
-            "itemsize": size,
-        }
-    )
-
-
 class Kept(NamedTuple):
     """What a journal holds, as far as it is whole."""
 
     recording_id: str
     bus: Rows
     truth: Rows
+    damage: str = ""
+    """Why it cannot be read at all, a sentence."""
 
 
 def read_journal(recording: Path) -> Kept | None:
     """The journal beside a recording; None if there is none, or its head is not whole."""
+    path = journal_path(recording)
+    if not path.exists():
+        return None
     try:
-        content = journal_path(recording).read_bytes()
-    except OSError:
+        content = read_whole(path)
+        head_and_start = _head_of(content)
+    except RecordingError as error:
+        nothing = np.zeros(0, BUS_LOG)
+        return Kept("", nothing, nothing, str(error))
+    if head_and_start is None:
         return None
-    length_at, crc_at = len(MAGIC), len(MAGIC) + HEAD_WORD_BYTES
-    start = crc_at + HEAD_WORD_BYTES
-    size = int.from_bytes(content[length_at:crc_at], "little")
-    text = content[start : start + size]
-    if content[:length_at] != MAGIC or _word(zlib.crc32(text)) != content[crc_at:start]:
-        return None
-    head = json.loads(text)
-    truth = _dtype(head["truth"])
+    (recording_id, truth), at = head_and_start
     blocks: dict[int, list[Rows]] = {BUS_ROWS: [], TRUTH_ROWS: []}
     types_of = {BUS_ROWS: BUS_LOG, TRUTH_ROWS: truth}
-    at = start + size
     while at + BLOCK.itemsize <= len(content):
         block = np.frombuffer(content, BLOCK, 1, at)[0]
         at += BLOCK.itemsize
@@ -265,7 +268,44 @@ def read_journal(recording: Path) -> Kept | None:
     bus, kept_truth = (
         np.concatenate([np.zeros(0, types_of[kind]), *blocks[kind]]) for kind in blocks
     )
-    return Kept(str(head.get("recording", "")), bus, kept_truth)
+    return Kept(recording_id, bus, kept_truth)
+
+
+def _head_of(content: bytes) -> tuple[tuple[str, np.dtype], int] | None:
+    """Which recording it belongs to, the type of its truth, and where its blocks begin."""
+    length_at, crc_at = len(MAGIC), len(MAGIC) + HEAD_WORD_BYTES
+    start = crc_at + HEAD_WORD_BYTES
+    size = int.from_bytes(content[length_at:crc_at], "little")
+    text = content[start : start + size]
+    if content[:length_at] != MAGIC or _word(zlib.crc32(text)) != content[crc_at:start]:
+        return None
+    if size > HEAD_BYTES_MAX:
+        return None
+    try:
+        head = json.loads(text)
+        truth = _dtype(head["truth"], 0)
+        if truth.itemsize % WORD_BYTES or truth["t_s"] != np.float64:
+            return None
+        return (str(head.get("recording", "")), truth), start + size
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None  # with a right checksum: of no writer of ours
+
+
+def _dtype(described: list[Any], depth: int) -> np.dtype:
+    """The record type that `_described` tells of; ValueError if it is none of numbers."""
+    *fields, size = described
+    if not isinstance(size, int) or not 0 < size <= ROW_BYTES_MAX or depth > DEPTH_MAX:
+        raise ValueError(size)
+    formats = []
+    for name, form, offset in fields:
+        if not is_plain_name(name) or not isinstance(offset, int):
+            raise ValueError(name)
+        if not isinstance(form, list) and form not in FORMS:
+            raise ValueError(form)
+        formats.append(_dtype(form, depth + 1) if isinstance(form, list) else np.dtype(form))
+    offsets = [offset for *_, offset in fields]
+    names = [name for name, *_ in fields]
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
 
 def _block_rows(
@@ -276,8 +316,11 @@ def _block_rows(
     size = int(block["bytes"])
     if block["magic"] != BLOCK_MAGIC or dtype is None or size % dtype.itemsize:
         return None
-    if at + size > len(content):
+    if not 0 < size <= len(content) - at:
+        return None
+    words = np.frombuffer(content, np.uint64, size // WORD_BYTES, at)
+    if words_sum(words) != block["sum"]:
         return None
     rows = np.frombuffer(content, dtype, size // dtype.itemsize, at).copy()
-    total = rows_sum(rows, 0, len(rows), rows.itemsize // WORD_BYTES)
-    return rows if total == block["sum"] else None
+    is_timely = (rows["t_s"] >= 0.0) & (rows["t_s"] <= TIME_MAX_S)
+    return rows if is_timely.all() else None

@@ -17,7 +17,7 @@ from flight_sw.computer import minor_frame
 from flight_sw.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.histogram import add
 from flight_sw.modes import STANDBY
-from flight_sw.reception import ARM
+from flight_sw.requests import ARM
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import Ear, hear
 from sim_harness.jit import kernel
@@ -34,7 +34,14 @@ from sim_harness.logs import (
 )
 from sim_harness.metrics import METRICS, judge_frame
 from sim_harness.navigation import NAV_STATE, measure
-from sim_harness.port import PORT, put_navigation, put_request, take
+from sim_harness.port import (
+    FLYING_HERE,
+    PORT,
+    put_navigation,
+    put_presence,
+    put_request,
+    take,
+)
 from sim_harness.vehicle import advance, ended
 from sim_harness.world.records import FLYING, TRUTH, WORLD
 
@@ -42,6 +49,7 @@ BUS_LOST = 101
 COMPUTER_SILENT = 102
 INTERRUPTED = 103
 TRUTH_BYTES = TRUTH.itemsize
+PRESENT_NS = 1_000_000_000  # from one word of the harness's presence to the next, by the clock
 ARM_AGAIN_CYCLES = 25  # a request that was refused or lost is not told; the mode tells
 BATCHES_PER_CYCLE = 2  # that an ear hears in lockstep: the log has room for them
 POLL_MS = 20  # longest wait in one system call: the time-out is looked at this often
@@ -54,7 +62,7 @@ HARNESS = np.dtype(
         ("navigation", NAV_STATE),
         ("port", PORT),
         ("metrics", METRICS),
-        ("load_crc32", "u4"),  # what a request to the computer names
+        ("present_ns", "i8"),  # when the harness last said that it is here
         ("truth_divider", "i8"),  # minor frames per truth row in the log
         ("timed_every", "i8"),  # minor frames from one timed step to the next; 0: none is timed
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
@@ -111,7 +119,20 @@ def open_cycle(harness: Record, logs: Logs, tx: Frames) -> int:
 @kernel
 def request_over_bus(harness: Record, logs: Logs, request: int, tx: Frames) -> int:
     """Put one request to the computer into `tx`; returns its length."""
-    n_tx = put_request(harness["codec"], harness["port"], request, harness["load_crc32"], tx)
+    n_tx = put_request(harness["codec"], harness["port"], request, tx)
+    for i in range(n_tx):
+        log_passing(harness, logs, tx[i])
+    return n_tx
+
+
+@kernel
+def presence_over_bus(harness: Record, logs: Logs, tx: Frames) -> int:
+    """Put a word of the harness's presence into `tx` once it is time; returns its length."""
+    now_ns = monotonic_ns()
+    if now_ns - harness["present_ns"] < PRESENT_NS:
+        return 0
+    harness["present_ns"] = now_ns
+    n_tx = put_presence(harness["codec"], harness["port"], FLYING_HERE, tx)
     for i in range(n_tx):
         log_passing(harness, logs, tx[i])
     return n_tx
@@ -217,6 +238,9 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
             return FLYING
         if must_arm(harness):
             n_tx = request_over_bus(harness, logs, ARM, wire.tx)
+            send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
+        n_tx = presence_over_bus(harness, logs, wire.tx)
+        if n_tx > 0:
             send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
         n_tx = open_cycle(harness, logs, wire.tx)
         if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:

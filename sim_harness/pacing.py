@@ -16,7 +16,7 @@ from flight_sw.can.libc import monotonic_ns, sched_yield, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
 from flight_sw.dictionary import RX_CAPACITY
 from flight_sw.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
-from flight_sw.reception import ARM, STOP
+from flight_sw.requests import ARM, STOP
 from flight_sw.types_ import Frames, Record
 from sim_harness.bus.ear import hear
 from sim_harness.jit import kernel
@@ -29,6 +29,7 @@ from sim_harness.loop import (
     close_cycle,
     must_arm,
     open_cycle,
+    presence_over_bus,
     request_over_bus,
     take_answer,
 )
@@ -187,6 +188,9 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
     answers = int(harness["port"]["stale_answers"])
     if must_arm(harness):
         n_tx = request_over_bus(harness, logs, ARM, wire.tx)
+        send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
+    n_tx = presence_over_bus(harness, logs, wire.tx)
+    if n_tx > 0:
         send_frames(wire.fd, wire.io[0], wire.tx, n_tx)
     n_tx = open_cycle(harness, logs, wire.tx)
     sent_ns = monotonic_ns()

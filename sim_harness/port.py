@@ -8,10 +8,18 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG
-from flight_sw.can.codec import pack
-from flight_sw.can.e2e import counter_of, protect
+from flight_sw.can.codec import pack, unpack
+from flight_sw.can.e2e import counter_of, crc_ok, protect
 from flight_sw.can.error_frames import ERRORS, note_error
-from flight_sw.can.receiver import RX_STATE, accept, is_valid, judge, receiver_tick, refuse
+from flight_sw.can.receiver import (
+    FOREIGN,
+    RX_STATE,
+    accept,
+    is_valid,
+    judge,
+    receiver_tick,
+    refuse,
+)
 from flight_sw.candidate import NAV_SLOTS
 from flight_sw.computer import (
     ALPHA_CMD,
@@ -31,12 +39,25 @@ from flight_sw.computer import (
     TRACKING,
     seal_of,
 )
+from flight_sw.identity import ALONE, NOBODY
 from flight_sw.plausibility import TIME
-from flight_sw.reception import REQUEST, REQUEST_CODE, REQUEST_KEY
+from flight_sw.requests import (
+    PRESENT,
+    PRESENT_COMPUTER,
+    PRESENT_HARNESS,
+    PRESENT_STATE,
+    REQUEST,
+    REQUEST_CODE,
+    REQUEST_COMPUTER,
+    REQUEST_HARNESS,
+)
 from flight_sw.types_ import Frames, Record
 from sim_harness.jit import kernel
 
 SENT_SLOTS = (*NAV_SLOTS, TIME)
+BOOT = icd.slot("FSW_BOOT")
+BOOT_COMPUTER = icd.value_index("FSW_BOOT", "computer")
+WAITING, FLYING_HERE = 0, 1  # states of HARNESS_PRESENT
 
 PORT = np.dtype(
     [
@@ -45,6 +66,11 @@ PORT = np.dtype(
         ("received", "f8", (icd.N_VALUES,)),
         ("rx", RX_STATE),
         ("request_counter", "u4"),
+        ("present_counter", "u4"),
+        ("harness", "u4"),  # number of this harness
+        ("computer", "u4"),  # number of the one that it flies with; 0: none yet
+        ("other_harness", "u4"),  # number of another one heard; 0: none
+        ("other_computer", "u4"),
         ("frames_sent", "i8"),
         ("frames_received", "i8"),
         ("errors", ERRORS),  # what the interface told of itself
@@ -74,6 +100,7 @@ def new_port(bank_rad: float, alpha_rad: float) -> np.ndarray:
     """A port that has heard nothing, shape (1,): the attitude at entry is held until it does."""
     port = np.zeros(1, PORT)
     port["rx"]["sender"] = icd.NODES.index("FSW")
+    port["harness"] = port["computer"] = ALONE
     port["bank_cmd_rad"] = bank_rad
     port["alpha_cmd_rad"] = alpha_rad
     return port
@@ -111,14 +138,42 @@ def put_navigation(codec: Record, port: Record, cycle: int, tx: Frames) -> int:
 
 
 @kernel
-def put_request(codec: Record, port: Record, request: int, load_crc32: int, tx: Frames) -> int:
+def put_request(codec: Record, port: Record, request: int, tx: Frames) -> int:
     """One ground request into `tx`; returns its length."""
     values = port["values"]
     values[REQUEST_CODE] = request
-    values[REQUEST_KEY] = load_crc32
+    values[REQUEST_COMPUTER] = port["computer"]
+    values[REQUEST_HARNESS] = port["harness"]
     counter = port["request_counter"]
     port["request_counter"] = (counter + 1) % COUNTER_MODULUS
     return _put(codec, port, REQUEST, counter, tx, 0)
+
+
+@kernel
+def put_presence(codec: Record, port: Record, state: int, tx: Frames) -> int:
+    """One message into `tx` that says who flies here with whom; returns its length."""
+    values = port["values"]
+    values[PRESENT_HARNESS] = port["harness"]
+    values[PRESENT_COMPUTER] = port["computer"]
+    values[PRESENT_STATE] = state
+    counter = port["present_counter"]
+    port["present_counter"] = (counter + 1) % COUNTER_MODULUS
+    return _put(codec, port, PRESENT, counter, tx, 0)
+
+
+@kernel
+def _note_harness(codec: Record, port: Record, word: np.uint64) -> None:
+    """Remember the number of another harness that says it is here."""
+    if crc_ok(codec, PRESENT, word) and unpack(codec, PRESENT, word, port["received"]) == 0:
+        port["other_harness"] = int(port["received"][PRESENT_HARNESS])
+
+
+@kernel
+def _note_computer(port: Record) -> None:
+    """Remember the number of another flight computer that says it is here."""
+    number = int(port["received"][BOOT_COMPUTER])
+    if port["computer"] not in (NOBODY, number):
+        port["other_computer"] = number
 
 
 @kernel
@@ -154,6 +209,8 @@ def take(codec: Record, port: Record, frame: Record, cycle: int) -> None:
     received = port["received"]
     slot, verdict = judge(codec, rx, frame, received)
     if not is_valid(verdict):
+        if verdict == FOREIGN and slot == PRESENT:
+            _note_harness(codec, port, frame["data"])
         refuse(rx, verdict)
         return
     accept(rx, slot, counter_of(frame["data"]), verdict)
@@ -163,3 +220,5 @@ def take(codec: Record, port: Record, frame: Record, cycle: int) -> None:
         port["alpha_wanted_rad"] = received[ALPHA_CMD]
     elif slot == STATUS:
         _take_status(port, cycle)
+    elif slot == BOOT:
+        _note_computer(port)

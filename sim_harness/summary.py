@@ -6,6 +6,7 @@ from typing import Any
 
 from flight_sw.can.error_frames import account_of
 from flight_sw.can.receiver import LOST, OK, VERDICTS
+from flight_sw.identity import name_of
 from flight_sw.types_ import Record
 from sim_harness.flight import FlightRun, verdicts
 from sim_harness.navigation_watch import held_values
@@ -175,6 +176,10 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
     }
 
 
+def _number(number: int) -> str | None:
+    return name_of(int(number)) if number else None
+
+
 def summary_of(run: FlightRun) -> dict[str, Any]:
     """The summary's object, its units in its keys; numbers as flown, not rounded for display."""
     harness = run.harness[0]
@@ -184,10 +189,14 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
     errors = account_of(port["errors"])
     return {
         **facts,
+        "harness": name_of(run.number),
+        "computer": name_of(int(port["computer"])),
         "bus": run.plan.bus,
         "navigation_held": held_values(harness["navigation"]),
         "synchronisation": run.plan.synchronisation,
         "rejected_by_flight_computer": rejected(run.computer["verdicts"]) if reported else None,
+        "other_harness": _number(port["other_harness"]),
+        "other_computer": _number(port["other_computer"]),
         "rejected_by_harness": rejected(verdicts(port["rx"]["counted"])),
         "frames_dropped": run.frames_dropped + int(run.computer.get("frames_dropped", 0)),
         "error_frames": errors.frames,

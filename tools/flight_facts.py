@@ -10,8 +10,9 @@ from flight_sw.errors import RecordingError
 from flight_sw.guidance import LAWS
 from sim_harness.telemetry.events import MODE, changes
 from sim_harness.telemetry.reader import DBC_SUFFIX, Recording
-from sim_harness.telemetry.records import LogLine
 from sim_harness.telemetry.wire import groups_of
+
+CHANGES_MAX = 10_000  # of the mode that are told
 
 
 class Extreme(NamedTuple):
@@ -68,7 +69,7 @@ def modes(recording: Recording) -> list[dict[str, Any]]:
     names = recording.value_names(message)[signal]
     return [
         {"t_s": float(t_s[i]), "mode": names.get(int(values[i]), str(values[i]))}
-        for i in changes(values).tolist()
+        for i in changes(values)[:CHANGES_MAX].tolist()
     ]
 
 
@@ -89,22 +90,15 @@ def extremes(recording: Recording) -> list[dict[str, Any]]:
     return found
 
 
-def _log(recording: Recording) -> list[LogLine]:
-    """The log; none where it is to be read from a journal without a DBC."""
-    try:
-        return recording.log
-    except RecordingError:
-        return []
-
-
 def facts(recording: Recording) -> dict[str, Any]:
     """The object that `aeroshell info --json` prints."""
-    has_dbc = any(name.endswith(DBC_SUFFIX) for name in recording.attachments)
+    has_dbc = sum(name.endswith(DBC_SUFFIX) for name in recording.attachments) == 1
     phases = phases_of(recording.manifest)
     return {
         "path": str(recording.path),
         "bytes": recording.path.stat().st_size,
         "is_complete": recording.is_complete,
+        "damage": recording.damage or None,
         "until_s": recording.until_s,
         "from_journal_s": recording.from_journal_s,
         "manifest": dict(recording.manifest),
@@ -112,14 +106,15 @@ def facts(recording: Recording) -> dict[str, Any]:
         "frames": len(recording.bus),
         "minor_frames": len(groups_of(recording.bus["t_s"])),
         "missing_minor_frames": recording.missing_minor_frames,
-        "frames_not_decoded": recording.frames_not_decoded if has_dbc else None,
+        "frames_not_decoded": None if recording.dbc_failure else recording.frames_not_decoded,
         "truth_rows": len(recording.truth),
         "attachments": {name: len(data) for name, data in recording.attachments.items()},
         "is_of_this_dbc": recording.has_our_dbc if has_dbc else None,
+        "dbc_failure": recording.dbc_failure or None,
         "modes": modes(recording),
         "events": [
             {"t_s": line.t_s, "level": line.level.name, "text": named(line.text, phases)}
-            for line in sorted(_log(recording), key=lambda line: line.t_s)
+            for line in sorted(recording.log, key=lambda line: line.t_s)
         ],
         "extremes": extremes(recording),
     }

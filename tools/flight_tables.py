@@ -11,11 +11,20 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from flight_sw.can.address import (
+    ERROR_FLAG,
+    EXTENDED_FLAG,
+    REMOTE_FLAG,
+    STANDARD_MASK,
+)
 from flight_sw.errors import RecordingError
+from flight_sw.icd import FRAME_BYTES
 from sim_harness.telemetry.reader import Recording
 from tools.flight_facts import named, phases_of
 
 F8 = npt.NDArray[np.float64]
+TABLES = ("truth", "log", "frames")  # beside those of the messages
+WIDE_MASK = ~(EXTENDED_FLAG | REMOTE_FLAG | ERROR_FLAG) & 0xFFFFFFFF  # 29 bits
 PART = ".part"  # of the name of a file that is not whole yet
 Column = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
@@ -36,10 +45,11 @@ WRITERS: dict[str, Callable[[pa.Table, Path], None]] = {
 
 def tables(recording: Recording) -> Iterator[tuple[str, pa.Table]]:
     """Name and content of every table that has a row; enumerations have a column of names too."""
-    for message in recording.decoder.messages:
+    for message in () if recording.dbc_failure else recording.decoder.messages:
         t_s, columns = recording.message(message.name)
         if len(t_s):
-            yield message.name, _message_table(recording.value_names(message.name), t_s, columns)
+            name = f"can_{message.name}" if message.name in TABLES else message.name
+            yield name, _message_table(recording.value_names(message.name), t_s, columns)
     if len(truth := recording.truth):
         yield "truth", pa.table({name: truth[name] for name in truth.dtype.names or ()})
     if log := recording.log:
@@ -48,14 +58,7 @@ def tables(recording: Recording) -> Iterator[tuple[str, pa.Table]]:
         phases = phases_of(recording.manifest)
         yield "log", pa.table({**content, "text": [named(line.text, phases) for line in log]})
     if len(bus := recording.bus):
-        digits = bus["frame"]["data"].tobytes().hex()
-        frames = {
-            "t_s": bus["t_s"].copy(),
-            "can_id": bus["frame"]["can_id"].copy(),
-            "dlc": bus["frame"]["dlc"].copy(),
-            "data_hex": [digits[i : i + 16] for i in range(0, len(digits), 16)],
-        }
-        yield "frames", pa.table(frames)
+        yield "frames", _frames_table(bus)
 
 
 def _message_table(
@@ -66,8 +69,46 @@ def _message_table(
         # A message may carry the mission time itself; the first column is when it was on the bus.
         found[name if name not in found else f"sent_{name}"] = column
         if name in names:
-            found[f"{name}_name"] = [names[name].get(value, "") for value in column.tolist()]
+            found[f"{name}_name"] = _named(column, names[name])
     return pa.table(found)
+
+
+def _named(column: Column, names: Mapping[int, str]) -> pa.Array:
+    """What each value is called; empty where it has no name."""
+    values, places = np.unique(column, return_inverse=True)
+    words = pa.array([names.get(value, "") for value in values.tolist()], pa.string())
+    return words.take(pa.array(places))
+
+
+def _frames_table(bus: npt.NDArray[np.void]) -> pa.Table:
+    """Raw frames: identifiers without their flags, of the data what was sent of it."""
+    can_id, dlc = bus["frame"]["can_id"], bus["frame"]["dlc"]
+    is_extended, is_remote, is_error = (
+        can_id & flag != 0 for flag in (EXTENDED_FLAG, REMOTE_FLAG, ERROR_FLAG)
+    )
+    is_wide = is_extended | is_error  # classes of an error stand where the identifier would
+    sent = np.where(is_remote, 0, np.minimum(dlc, FRAME_BYTES))
+    return pa.table(
+        {
+            "t_s": bus["t_s"].copy(),
+            "can_id": can_id & np.where(is_wide, WIDE_MASK, STANDARD_MASK).astype(np.uint32),
+            "is_extended": is_extended,
+            "is_remote": is_remote,
+            "is_error": is_error,
+            "dlc": dlc.copy(),
+            "data_hex": _hex(bus["frame"]["data"], sent.astype(np.int64)),
+        }
+    )
+
+
+def _hex(words: npt.NDArray[np.uint64], sent: npt.NDArray[np.int64]) -> pa.Array:
+    """The first so many bytes of each word in hexadecimal, in the order of the bus."""
+    octets = np.ascontiguousarray(words).view(np.uint8).reshape(len(words), FRAME_BYTES)
+    kept = octets[np.arange(FRAME_BYTES) < sent[:, None]]
+    offsets = np.concatenate([[0], np.cumsum(2 * sent)]).astype(np.int64)
+    digits = pa.py_buffer(kept.tobytes().hex().encode())
+    texts = pa.LargeStringArray.from_buffers(len(words), pa.py_buffer(offsets), digits)
+    return texts.cast(pa.string())
 
 
 def export(recording: Recording, form: str, out: Path, *, force: bool) -> list[Path]:

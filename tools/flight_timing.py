@@ -1,9 +1,11 @@
 """A flight's timing, as its summary or its recording tells it."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from flight_sw.echo import echoed
 from flight_sw.errors import AeroshellError
 from sim_harness.documents import DocumentError, json_of, read_json
 from sim_harness.summary import TIMING_KEY
@@ -11,6 +13,9 @@ from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 
 SUMMARY_NAME = "summary.json"
+NUMBER_MAX = 1e15
+WORDS = ("pace", "bus", "synchronisation")  # the others are numbers
+PACE = re.compile(r"lockstep|realtime|[0-9]{1,9}(\.[0-9]{1,9})?(e[+-]?[0-9]{1,2})?x")
 COUNTS = ("pace", "pace_reached", "pace_held", "slips", "ticks", "late_commands")
 FLOWN = ("bus", "synchronisation", "minor_frames", "period_s")
 
@@ -71,6 +76,7 @@ def _from_recording(path: Path) -> Any:
     recording = open_recording(path)
     text = recording.outcome.get(TIMING_KEY)
     if text is None:
+        recording.check_whole()
         why = "" if recording.is_complete else ", its recorder was cut off"
         raise TimingError(f"{path}: holds no timing{why}")
     try:
@@ -88,13 +94,34 @@ def _file_of(flight: Path) -> Path:
     raise TimingError(f"{flight}: is no flight, holds neither {SUMMARY_NAME} nor {RECORDING_NAME}")
 
 
+def _number(value: Any) -> float:
+    """What was measured or counted: a number that is not negative and of a sensible size."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError
+    if not 0.0 <= value <= NUMBER_MAX:
+        raise ValueError
+    return float(value)
+
+
+def _check(key: str, value: Any) -> None:
+    """Refuse what a summary never holds: another type, or a text that is no word."""
+    if key not in WORDS:
+        if value is not None and not isinstance(value, bool):
+            _number(value)
+    elif not isinstance(value, str) or echoed(value) != value:
+        raise TypeError
+    if key == "pace" and not PACE.fullmatch(value):
+        raise ValueError
+
+
 def _measured(timing: Mapping[str, Any]) -> list[Measured]:
     found = []
     for title, side, name in QUANTITIES:
         of_side = timing[side]
-        bins = [(float(edge_us), int(n)) for edge_us, n in of_side.get(f"{name}_bins_us", [])]
+        told = of_side.get(f"{name}_bins_us", [])
+        bins = [(_number(edge_us), int(_number(n))) for edge_us, n in told]
         if bins:
-            percentiles = {key: float(of_side[f"{name}_us"][key]) for key in PERCENTILES}
+            percentiles = {key: _number(of_side[f"{name}_us"][key]) for key in PERCENTILES}
             found.append(Measured(title, percentiles, bins))
     return found
 
@@ -111,8 +138,11 @@ def read_timing(flight: Path) -> FlightTiming:
         raise TimingError(f"{path}: is no summary of a flight")
     try:
         flown, counts = ({key: told[key] for key in keys} for keys in (FLOWN, COUNTS))
+        for key, value in {**flown, **counts}.items():
+            _check(key, value)
         measured = _measured(told["timing"])
         stolen_s = told["timing"]["harness"].get("stolen_s")
+        stolen_s = None if stolen_s is None else _number(stolen_s)
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise TimingError(f"{path}: holds no timing, or one of another version") from error
     if not measured:

@@ -13,7 +13,13 @@ from flight_sw.load_image import LoadImage, read_image
 from flight_sw.streams import say
 from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up
-from sim_harness.replay.script import Heard, attached_load, check_dbc, heard_by_computer
+from sim_harness.replay.script import (
+    Heard,
+    attached_load,
+    check_dbc,
+    check_messages,
+    heard_by_computer,
+)
 from sim_harness.telemetry.reader import Recording, load_kernels, open_recording
 from tools.flight_tables import WRITERS, write_table
 
@@ -50,6 +56,7 @@ def replayed(flight: Path) -> tuple[Recording, Replay, float]:
 def compared_with(flight: Path, load: Path) -> tuple[Recording, LoadImage, Compared]:
     """A recording, and what another load would have commanded of it."""
     recording, image = open_recording(flight), read_image(load)
+    check_messages(recording)
     with say_compiling(f"law '{image.law}'"):
         compared = compare(recording, image, _heard(recording))
     if not len(compared.t_s):

@@ -138,6 +138,18 @@ def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) ->
     return table
 
 
+def _others(summary: dict[str, Any]) -> str:
+    """Who else spoke on the bus, for the last line."""
+    said = [
+        f"{kind} {summary[key]} on the bus as well; "
+        for kind, key in (("harness", "other_harness"), ("flight computer", "other_computer"))
+        if summary[key]
+    ]
+    if foreign := summary["rejected_by_harness"]["FOREIGN"]:
+        said.append(f"{foreign} frames under the harness's identifiers from another sender; ")
+    return "".join(said)
+
+
 def footnote(summary: dict[str, Any], folder: str) -> str:
     """One line on how it was flown and where it lies."""
     step = summary["step_time_us"]
@@ -151,7 +163,7 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
     )
     return (
         f"{held}{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
-        f"{summary['frames_rejected']} frames rejected; {timing}{pace}"
+        f"{summary['frames_rejected']} frames rejected; {_others(summary)}{timing}{pace}"
         f"{summary['speedup']:z,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"
     )

@@ -18,9 +18,11 @@ BAR_COLOUR, LINE_COLOUR, LIMIT_COLOUR = "#4878a8", "#222222", "#b03030"
 
 def decades(measured: list[Measured], period_us: float) -> tuple[int, int]:
     """Powers of ten that hold all of it and the period."""
-    longest_us = max([quantity.percentiles_us["max"] for quantity in measured] + [period_us])
+    told_us = [quantity.percentiles_us["max"] for quantity in measured]
+    longest_us = max([*told_us, period_us, FLOOR_US])
     shortest_us = max(min(quantity.bins_us[0][0] for quantity in measured), FLOOR_US)
-    return int(np.floor(np.log10(shortest_us))), int(np.ceil(np.log10(longest_us * 1.2)))
+    low = int(np.floor(np.log10(shortest_us)))
+    return low, max(int(np.ceil(np.log10(longest_us * 1.2))), low + 1)
 
 
 def _draw(axes: Any, quantity: Measured, edges_us: Any, period_us: float) -> None:

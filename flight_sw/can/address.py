@@ -12,6 +12,7 @@ import struct
 from pathlib import Path
 
 from flight_sw import icd
+from flight_sw.can.plain import CAN_FRAME
 from flight_sw.errors import BusError
 
 UNIX_PATH_MAX_BYTES = 107  # of sockaddr_un, without the closing zero
@@ -19,6 +20,10 @@ RECEIVE_BUFFER_BYTES = 4 << 20  # asked for; without privilege the system grants
 EXTENDED_FLAG, REMOTE_FLAG, ERROR_FLAG = 0x80000000, 0x40000000, 0x20000000
 STANDARD_MASK = 0x7FF
 ERRORS_ALL = 0x1FFFFFFF  # every class of error frame
+RESTARTED, BUS_OFF = ERROR_FLAG | 0x100, ERROR_FLAG | 0x40  # CAN_ERR_RESTARTED, CAN_ERR_BUSOFF
+GREETING_TIMEOUT_S = 10.0  # a hub whose process has no time takes a while
+REFUSALS = {1: "has as many clients as it takes, {} of them", 2: "belongs to another user"}
+IS_FULL, IS_ANOTHERS = REFUSALS
 CAN_FILTER = struct.Struct("=II")  # struct can_filter: identifier, mask
 CAN_RAW_ERR_FILTER = 2  # not named by the socket module
 SO_RCVBUFFORCE, SO_MEMINFO = 33, 55
@@ -56,10 +61,37 @@ def _open_unix(path: str) -> socket.socket:
     bus = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
         bus.connect(path)
+        bus.settimeout(GREETING_TIMEOUT_S)
+        greeting = bus.recv(CAN_FRAME.size)
+        bus.settimeout(None)
+    except TimeoutError as error:
+        bus.close()
+        raise BusError(
+            f"unix:{path}: took no client within {GREETING_TIMEOUT_S:g} s, allowed is a hub"
+        ) from error
     except OSError as error:
         bus.close()
         raise BusError(f"unix:{path}: {_unix_refusal(error, Path(path))}") from error
+    if refusal := _turned_away(greeting):
+        bus.close()
+        raise BusError(f"unix:{path}: {refusal}")
     return bus
+
+
+def greeting(reason: int = 0, detail: int = 0) -> bytes:
+    """A hub's first word to a client, an error frame: the bus has begun, or why not for it."""
+    return CAN_FRAME.pack(BUS_OFF if reason else RESTARTED, 8, reason | detail << 8)
+
+
+def _turned_away(packet: bytes) -> str:
+    """Why a hub does not take us, from its first word; empty if it does."""
+    if len(packet) != CAN_FRAME.size:
+        return "nobody listens there, its hub has ended" if not packet else "is no hub"
+    can_id, _, data = CAN_FRAME.unpack(packet)
+    if can_id == RESTARTED:
+        return ""
+    reason = REFUSALS.get(data & 0xFF) if can_id == BUS_OFF else None
+    return reason.format(data >> 8) if reason else "is no hub"
 
 
 def _unix_refusal(error: OSError, path: Path) -> str:

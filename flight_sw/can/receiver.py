@@ -30,6 +30,7 @@ OUT_OF_RANGE = 6
 UNKNOWN_ID = 7
 IMPLAUSIBLE = 8  # the caller's verdict: no vehicle could have sent it
 FOREIGN = 9  # carries an identifier that only the receiver itself sends
+MISDIRECTED = 10  # the caller's verdict: a request that is meant for another, or not theirs to make
 VERDICTS = (
     "OK",
     "LOST",
@@ -41,6 +42,7 @@ VERDICTS = (
     "UNKNOWN_ID",
     "IMPLAUSIBLE",
     "FOREIGN",
+    "MISDIRECTED",
 )
 N_VERDICTS = len(VERDICTS)
 
@@ -72,10 +74,14 @@ HEALTH_UNKNOWN_ID = value_index("RX_HEALTH_B", "unknown_id")
 HEALTH_INCOMPLETE_SETS = value_index("RX_HEALTH_B", "incomplete_sets")
 HEALTH_LOST = value_index("RX_HEALTH_C", "lost")
 HEALTH_FOREIGN = value_index("RX_HEALTH_C", "foreign")
+HEALTH_MISDIRECTED = value_index("RX_HEALTH_C", "misdirected")
 HEALTH_HEARD = value_index("RX_HEALTH_C", "heard")
 HEARD_MODULUS = 1 << 19  # of the frames heard, in RX_HEALTH_C
 REFUSED_MAX = int(layout("RX_HEALTH_A").signals[0].high)
 MISSED_MAX = int(layout("RX_HEALTH_C").signals[0].high)
+MISDIRECTED_MAX = int(
+    next(s.high for s in layout("RX_HEALTH_C").signals if s.name == "misdirected")
+)
 
 
 @kernel
@@ -200,4 +206,5 @@ def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
     values[HEALTH_INCOMPLETE_SETS] = min(incomplete_sets, REFUSED_MAX)
     values[HEALTH_LOST] = min(rx_state["lost_frames"], MISSED_MAX)
     values[HEALTH_FOREIGN] = min(counted[FOREIGN], MISSED_MAX)
+    values[HEALTH_MISDIRECTED] = min(counted[MISDIRECTED], MISDIRECTED_MAX)
     values[HEALTH_HEARD] = heard(rx_state) % HEARD_MODULUS

@@ -12,6 +12,7 @@ from cantools.database import Database
 from cantools.database.can import Message as DbcMessage
 from cantools.database.can import Signal as DbcSignal
 
+from flight_sw.echo import NAME_MAX, echoed, is_plain_name
 from flight_sw.errors import IcdError
 
 DBC_PATH = Path(__file__).with_name("aeroshell.dbc")
@@ -119,7 +120,25 @@ def load_messages(path: Path) -> tuple[Message, ...]:
     """The messages of a DBC file in slot order, each checked to be one that the codec can serve."""
     database = Database(strict=True)
     database.add_dbc_file(path)
-    return tuple(sorted((_message(m) for m in database.messages), key=lambda m: m.can_id))
+    messages = tuple(sorted((_message(m) for m in database.messages), key=lambda m: m.can_id))
+    _check_names(messages)
+    return messages
+
+
+def _check_names(messages: tuple[Message, ...]) -> None:
+    """Names become those of tables, columns and files: plain words, and no two are the same."""
+    names = [message.name for message in messages]
+    for message in messages:
+        signals = [signal.name for signal in message.signals]
+        if bad := [n for n in (message.name, *signals) if not is_plain_name(n)]:
+            raise IcdError(
+                f"{echoed(message.name)}: a name is '{echoed(bad[0])}', allowed are "
+                f"letters, digits and _, {NAME_MAX} at most"
+            )
+        if names.count(message.name) > 1 or len({*signals}) < len(signals):
+            raise IcdError(f"{message.name}: two messages, or two of its signals, have one name")
+    if len({message.can_id for message in messages}) < len(messages):
+        raise IcdError("two messages have one identifier")
 
 
 LAYOUT = load_messages(DBC_PATH)

@@ -10,19 +10,22 @@ import contextlib
 import errno
 import os
 import socket
+import struct
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 
-from flight_sw.can.address import UNIX_PATH_MAX_BYTES
+from flight_sw.can.address import IS_ANOTHERS, IS_FULL, UNIX_PATH_MAX_BYTES, greeting
 from flight_sw.errors import BusError
 from flight_sw.privileges import punctual_processor, take_priority
 from sim_harness.bus.ear import Ear, hub_ear
 from sim_harness.bus.pump import (
     ACCEPT,
+    CLIENTS_MAX,
     CLOSED,
     FREE,
     GONE,
@@ -38,6 +41,8 @@ from sim_harness.bus.pump import (
 BACKLOG = 16
 SEND_BUFFER_BYTES = 1 << 20  # asked for; the system may grant less
 STOP_TIMEOUT_S = 5.0
+ROOT = 0
+PEER = struct.Struct("3i")  # struct ucred: process, user, group
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +55,7 @@ class HubStats:
     frames_sent: int
     frames_dropped: int
     packets_refused: int
+    clients_refused: int
 
 
 def _is_live(path: Path) -> bool:
@@ -74,6 +80,7 @@ def _listen(path: Path) -> socket.socket:
         if path.is_socket() and not _is_live(path):
             path.unlink()
         listener.bind(str(path))
+        path.chmod(0o600)
         listener.listen(BACKLOG)
         listener.setblocking(False)
     except OSError as error:
@@ -99,16 +106,25 @@ class Hub:
 
     A prompt hub is there for real time: nothing but its equals keeps it waiting, where the system
     permits it. Any other lets the sender finish its burst before it takes the processor. A tapped
-    hub keeps what it moves for an ear in this process.
+    hub keeps what it moves for an ear in this process. Clients of other users than its own and the
+    superuser are turned away, whatever the socket file permits.
     """
 
-    def __init__(self, path: str | Path, *, prompt: bool = False, tapped: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        prompt: bool = False,
+        tapped: bool = False,
+        tell: Callable[[str], object] = lambda text: None,
+    ) -> None:
         self.path = Path(path)
         self.prompt = prompt
         self._hub = new_hub()
         self._buffers = new_buffers(tapped=tapped)
         self._clients: dict[int, socket.socket] = {}
-        self._connections = 0
+        self._connections = self._refused = 0
+        self._tell = tell
         self._thread: threading.Thread | None = None
 
     def start(self) -> "Hub":
@@ -162,6 +178,7 @@ class Hub:
             frames_sent=int(hub["frames_sent"]),
             frames_dropped=int(hub["frames_dropped"]),
             packets_refused=int(self._buffers.io["wrong_size"][0]),
+            clients_refused=self._refused,
         )
 
     @property
@@ -190,13 +207,28 @@ class Hub:
         with contextlib.suppress(BlockingIOError, ConnectionAbortedError):
             client, _ = self._listener.accept()
             row = int(np.argmax(self._hub["client"][0]["state"] == FREE))
-            if self._hub["client"][0]["state"][row] != FREE:
-                client.close()
+            process, user, _ = PEER.unpack(
+                client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER.size)
+            )
+            if user not in (ROOT, os.geteuid()):
+                self._turn_away(client, IS_ANOTHERS, f"process {process} of user {user}")
                 return
+            if self._hub["client"][0]["state"][row] != FREE:
+                self._turn_away(client, IS_FULL, f"client {CLIENTS_MAX + 1}, process {process}")
+                return
+            with contextlib.suppress(OSError):  # it may have left already
+                client.send(greeting(), socket.MSG_NOSIGNAL)
             client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             self._connections += 1
             self._clients[row] = client
             self._hub["client"][0][row] = (client.fileno(), OPEN, 0, 0)
+
+    def _turn_away(self, client: socket.socket, reason: int, who: str) -> None:
+        """Tell a client why it is not taken, and whoever runs the hub that it was not."""
+        self._refused += 1
+        with client, contextlib.suppress(OSError):
+            client.send(greeting(reason, CLIENTS_MAX), socket.MSG_NOSIGNAL)
+        self._tell(f"unix:{self.path}: {who} was turned away")
 
     def _close_gone(self) -> None:
         state = self._hub["client"][0]["state"]

@@ -34,7 +34,7 @@ from sim_harness.telemetry.reader import Recording
 I8 = npt.NDArray[np.int64]
 
 REPORTS_TRIED = 8  # false ones may stand before the first of the computer's own
-ROWS_FED_MAX = 10_000_000  # in all guesses together: a second of trying
+ROWS_FED_MAX = 10_000_000  # fed or copied in all guesses together: a second of trying
 ROWS_BEHIND = 64  # over which answers must agree behind the report
 
 
@@ -49,7 +49,7 @@ def find_beginning(recording: Recording, computers: Computers, reports: Reports)
             return default
         for kinds in _readings(recording, row):
             for guess in _beginnings(kinds, row, int(reports.heard[i]), bool(reports.ticked[i])):
-                budget -= int(reports.heard[i]) + ROWS_BEHIND
+                budget -= int(reports.heard[i]) + len(kinds) + ROWS_BEHIND
                 if budget < 0:
                     return default
                 if _is_explained(recording, computers, guess, row):

@@ -17,7 +17,7 @@ from flight_sw.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.replay.feed import HEARD, Computers, Script, new_script
 from sim_harness.replay.replayer import new_computer
-from sim_harness.replay.script import COMMAND_NAME, STATUS_NAME, Heard, check_messages
+from sim_harness.replay.script import COMMAND_NAME, STATUS_NAME, Heard, check_messages, computer_of
 from sim_harness.telemetry.reader import Recording
 
 F8 = npt.NDArray[np.float64]
@@ -83,8 +83,7 @@ def answer_all(computers: Computers, script: Script, answered: Rows) -> int:
 def answers_to(recording: Recording, image: LoadImage, heard: Heard) -> Rows:
     """What a load answers to a recording's frames, cycle by cycle."""
     check_messages(recording)
-    crc32 = int(recording.manifest.get("load_crc32", "0x0"), 16)
-    computers = new_computer(image, crc32)
+    computers = new_computer(image, computer_of(recording))
     script = new_script(recording.bus, *heard)
     answered = np.zeros(len(recording.bus) + len(heard.ticks), ANSWERED)
     return answered[: answer_all(computers, script, answered)]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from flight_sw.can.receiver import HEARD_MODULUS
 from flight_sw.computer import new_state
+from flight_sw.identity import ALONE
 from flight_sw.load_image import LoadImage, activate
 from flight_sw.types_ import Frames
 from sim_harness.replay.beginning import find_beginning
@@ -38,6 +39,7 @@ from sim_harness.replay.script import (
     Heard,
     attached_load,
     check_dbc,
+    computer_of,
     hears_all,
     is_paced,
     reports_of,
@@ -51,6 +53,8 @@ LOOK_AHEAD = 400  # rows over which a guess must hold up
 REPORTS_TRIED = 8  # of those that come next: false ones may stand before the computer's own
 FALSE_IN_ROW_MAX = 64  # frames that pose as the computer's, in sequence, between two of its own
 FALSE_IN_SEQUENCE = 1 / 8  # at most, of those at the end: two times what chance has of 16 counters
+TRIALS_MIN, ROWS_PER_TRIAL = 20_000, 2  # that are made before a difference is told
+STOPS_MAX = 64  # at one row: each tick found there is one
 NO_ROWS = np.zeros(0, np.int64)
 ANSWERED_MAX = 2  # cycles without an answer that the end of any flight may have
 
@@ -93,17 +97,15 @@ class Replay:
         return self.difference is None
 
 
-def new_computer(image: LoadImage, crc32: int) -> Computers:
-    """A computer that flies this load and obeys requests for the one with this CRC."""
-    load = activate(image).copy()
-    load["crc32"] = crc32
-    return new_computers(load, new_state(image.law))
+def new_computer(image: LoadImage, number: int) -> Computers:
+    """A computer that flies this load and obeys requests for the one with this number."""
+    return new_computers(activate(image).copy(), new_state(image.law, number))
 
 
 def warm_up(image: LoadImage) -> None:
     """Compile, or read from the cache, what a replay of this law takes."""
     rows = np.zeros(0, BUS_LOG)
-    feed(new_computer(image, 0), new_script(rows, NO_ROWS, NO_ROWS), 0)
+    feed(new_computer(image, ALONE), new_script(rows, NO_ROWS, NO_ROWS), 0)
 
 
 class Replayer:
@@ -113,7 +115,7 @@ class Replayer:
         check_dbc(recording)
         self.recording = recording
         self.image = image or attached_load(recording)
-        self._computers = new_computer(self.image, self.image.crc32)
+        self._computers = new_computer(self.image, computer_of(recording))
         self._end = recording.rows_before_gap
         self._may_tick = is_paced(recording)
         self._false_kind = HEARD if hears_all(recording) else NEITHER
@@ -121,6 +123,8 @@ class Replayer:
         heard = find_beginning(recording, self._computers, self._reports)
         self._script = new_script(recording.bus, *heard, hears_all(recording))
         self._script = self._script._replace(settles=True)
+        self._stopped_at = self._stops_here = 0
+        self._trials_left = TRIALS_MIN + len(recording.bus) // ROWS_PER_TRIAL
         self._answers = np.isin(heard.kinds, (ANSWER, REPORT))
 
     @property
@@ -137,6 +141,17 @@ class Replayer:
             row = int(self._computers.feeders["row"][0])
             if not self._find_tick(row) and (ended == CERTAIN or not self._take_as_false(row)):
                 return self._told(self._difference())
+            if not self._goes_on(row):
+                return self._told(self._difference())
+
+    def _goes_on(self, row: int) -> bool:
+        """Whether the stops come ever later, and not too many trials were made for them.
+
+        A reading that was kept leads beyond the row at which it was looked for, or it is none.
+        """
+        self._stops_here = self._stops_here + 1 if row <= self._stopped_at else 0
+        self._stopped_at = max(self._stopped_at, row)
+        return self._stops_here < STOPS_MAX and self._trials_left > 0
 
     def _told(self, difference: Difference | None) -> Replay:
         feeder, rows = self._computers.feeders[0], self.recording.bus
@@ -191,7 +206,9 @@ class Replayer:
         feeder, kinds = self._computers.feeders[0], self._script.kinds
         matched, taken = int(feeder["matched"]), dict[int, int]()
         others, before = 0, int(self._computers.feeders["false_frames"][2])
-        while len(taken) < max(FALSE_IN_ROW_MAX, FALSE_IN_SEQUENCE * others):
+        while self._trials_left > 0 and len(taken) < max(
+            FALSE_IN_ROW_MAX, FALSE_IN_SEQUENCE * others
+        ):
             taken[row], kinds[row] = int(kinds[row]), self._false_kind
             ended, trial = self._tried(self._script, self._end)
             row, others = int(trial["row"]), int(trial["false_frames"]) - before
@@ -213,6 +230,7 @@ class Replayer:
 
     def _tried(self, script: Script, row: int) -> tuple[int, Frames]:
         """Where another script leads, up to the look-ahead behind a row, and why it ends there."""
+        self._trials_left -= 1
         trial = copied(self._computers)
         ended = feed(trial, script._replace(settles=False), min(row + LOOK_AHEAD, self._end))
         return int(ended), trial.feeders[0]

@@ -11,6 +11,7 @@ from flight_sw.can.address import ERROR_FLAG
 from flight_sw.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
+from flight_sw.identity import ALONE
 from flight_sw.load_image import LoadImage, parse_image
 from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT, TIMED
 from sim_harness.telemetry.reader import Recording
@@ -19,7 +20,9 @@ I8 = npt.NDArray[np.int64]
 
 COMPUTER, GROUND = "FSW", "HARNESS"
 TIMING = "FSW_TIMING"
-BOOT, BOOT_STATE, BOOT_LOAD, READY = "FSW_BOOT", "state", "load_crc32", "READY"
+BOOT, BOOT_STATE, READY = "FSW_BOOT", "state", "READY"
+ANNOUNCEMENTS, BY_COMPUTER = (BOOT, "FSW_LOAD"), "computer"
+REQUEST, BY_HARNESS, HARNESS_KEY = "GROUND_REQUEST", "harness", "harness"
 REPORTS = "RX_HEALTH_"
 LOAD_SUFFIX = ".load"
 COMMAND_NAME, STATUS_NAME = "FSW_COMMAND", "FSW_STATUS"
@@ -56,21 +59,30 @@ def kinds_of(recording: Recording) -> I8:
     kinds = np.full(len(rows), HEARD)
     kinds[of_computer[slots]] = ANSWER  # NO_SLOT is -1: the last entry
     kinds[reports[slots]] = REPORT
-    boots = _rows_of(recording, BOOT)
-    kinds[boots] = np.where(_names_load(recording, boots), NEITHER, HEARD)
+    for message in ANNOUNCEMENTS:
+        rows_of = _rows_of(recording, message)
+        kinds[rows_of] = np.where(_is_ours(recording, rows_of, message), NEITHER, HEARD)
     kinds[_rows_of(recording, TIMING)] = TIMED if is_paced(recording) else HEARD
     kinds[(can_id == TICK_ID) | (can_id & ERROR_FLAG != 0)] = NEITHER
     if not hears_all(recording):
-        filtered = [m.can_id for m in messages if m.sender == GROUND]
+        filtered = [m.can_id for m in messages if m.sender == GROUND or m.name == BOOT]
         kinds[(kinds == HEARD) & ~np.isin(can_id, filtered)] = NEITHER
     return kinds
 
 
-def _names_load(recording: Recording, boots: I8) -> npt.NDArray[np.bool_]:
-    """Which FSW_BOOT name the load that flew: the others only look like the computer's."""
-    crc32 = recording.manifest.get("load_crc32")
-    named = _columns(recording, boots, BOOT)[BOOT_LOAD]
-    return named == int(crc32, 16) if crc32 else np.full(len(boots), True)
+def _is_ours(recording: Recording, rows: I8, message: str) -> npt.NDArray[np.bool_]:
+    """Which announcements are of the computer that flew: the others are another computer's."""
+    named = _columns(recording, rows, message)[BY_COMPUTER]
+    return np.asarray(named == computer_of(recording))
+
+
+def computer_of(recording: Recording) -> int:
+    """The number of the computer that flew: what the first request of our harness names."""
+    told = recording.manifest_number(HARNESS_KEY, 0)
+    harness = ALONE if told is None else int(told)
+    columns = _columns(recording, _rows_of(recording, REQUEST), REQUEST)
+    named = columns[BY_COMPUTER][columns[BY_HARNESS] == harness]
+    return int(named[0]) if len(named) else ALONE
 
 
 def _rows_of(recording: Recording, message: str) -> I8:
@@ -110,13 +122,14 @@ def hears_all(recording: Recording) -> bool:
 def _ready_at(recording: Recording) -> int:
     """The row in which the computer first says that it listens; 0 for one that never boots."""
     places = _rows_of(recording, BOOT)
+    if not len(places):
+        return 0
     columns = _columns(recording, places, BOOT)
-    names = recording.value_names(BOOT)[BOOT_STATE] if len(places) else {}
+    names = recording.value_names(BOOT).get(BOOT_STATE, {})
     says_so = np.isin(
         columns[BOOT_STATE], [value for value, name in names.items() if name == READY]
     )
-    if crc32 := recording.manifest.get("load_crc32"):
-        says_so &= columns[BOOT_LOAD] == int(crc32, 16)  # a false frame names another load
+    says_so &= _is_ours(recording, places, BOOT)
     found = places[says_so]
     return int(found[0]) if len(found) else 0
 
@@ -147,7 +160,8 @@ def check_messages(recording: Recording) -> None:
     """Refuse frames unless what the computer hears and commands is laid out as in this version."""
 
     def used(messages: Sequence[Message]) -> list[Message]:
-        return [m for m in messages if m.sender == GROUND or m.name in (COMMAND_NAME, STATUS_NAME)]
+        names = (COMMAND_NAME, STATUS_NAME, BOOT)
+        return [m for m in messages if m.sender == GROUND or m.name in names]
 
     if used(recording.decoder.messages) != used(icd.LAYOUT):
         check_dbc(recording)

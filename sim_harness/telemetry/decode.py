@@ -5,7 +5,9 @@ made with another one is still read, and it shares nothing with the flight codec
 """
 
 import functools
+import logging
 import math
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +18,8 @@ import numpy.typing as npt
 from flight_sw import icd
 from flight_sw.can.crc import POSITIONS, counter_table, crc_table
 from flight_sw.dictionary import CAN_ID_MASK
-from flight_sw.errors import RecordingError
+from flight_sw.echo import echoed
+from flight_sw.errors import IcdError, RecordingError
 from flight_sw.icd import FRAME_BYTES, Message
 from flight_sw.types_ import F8, U8
 from sim_harness.jit import kernel
@@ -24,7 +27,14 @@ from sim_harness.jit import kernel
 I8 = npt.NDArray[np.int64]
 Rows = npt.NDArray[np.void]
 
+logging.getLogger("cantools").addHandler(logging.NullHandler())  # a refusal says it, or nobody
+
 NO_SLOT = -1
+DBC_BYTES_MAX = 1 << 17  # ours has a sixth
+WIDTH_MAX = 8 * FRAME_BYTES
+QUOTED = re.compile(rb'"(?:\\"|[^"])*?"')
+WIDTHS = re.compile(rb":\s*(\d+)|\|\s*(\d+)\s*@")
+"""Where a message says how long it is, and a signal where it begins and how long it is."""
 TICK_SLACK = 1e-6  # of a sample interval: k / rate may come out just below the whole number
 CRC_TABLE = crc_table()
 BYTE, NIBBLE, BYTE_BITS = np.uint64(0xFF), np.uint64(0xF), np.uint64(8)
@@ -44,7 +54,7 @@ MESSAGE = np.dtype(
     [
         ("n_signals", "i8"),
         ("crc_counter", "u1", (icd.COUNTER_VALUES,)),  # share of the data id in the checksum
-        ("signals", SIGNAL, (32,)),
+        ("signals", SIGNAL, (8 * FRAME_BYTES,)),  # none has fewer bits than one
     ],
     align=True,
 )
@@ -118,10 +128,29 @@ def messages_of(dbc: bytes) -> tuple[Message, ...]:
     """The messages of a DBC that came with a recording, in slot order."""
     if dbc == icd.DBC_PATH.read_bytes():
         return icd.LAYOUT
+    _check_size(dbc)
     with tempfile.NamedTemporaryFile(suffix=".dbc") as file:
         file.write(dbc)
         file.flush()
-        return icd.load_messages(Path(file.name))
+        try:
+            messages = icd.load_messages(Path(file.name))
+        except IcdError as error:
+            raise IcdError(echoed(error)) from error
+        except Exception as error:  # of a library's parser: whatever a hostile text leads it to
+            raise IcdError(echoed(str(error).partition("\n")[0] or type(error).__name__)) from error
+    if not messages:
+        raise IcdError("it has no message")
+    return messages
+
+
+def _check_size(dbc: bytes) -> None:
+    """Refuse what would take the parser long, or much memory, before it sees it."""
+    if len(dbc) > DBC_BYTES_MAX:
+        raise IcdError(f"it has {len(dbc):,} bytes, allowed are {DBC_BYTES_MAX:,}")
+    places = WIDTHS.finditer(QUOTED.sub(b"", dbc))
+    if wide := [found[0] for found in places if int((found[1] or found[2])[:10]) > WIDTH_MAX]:
+        text = echoed(wide[0].decode(errors="replace"))
+        raise IcdError(f"'{text}' is in it, allowed are {FRAME_BYTES} bytes and {WIDTH_MAX} bits")
 
 
 class Decoder:
@@ -146,7 +175,7 @@ class Decoder:
         """The number of a message."""
         names = [message.name for message in self.messages]
         if name not in names:
-            raise RecordingError(f"no message {name}, the DBC has {', '.join(names)}")
+            raise RecordingError(f"no message {name}, the DBC has {echoed(', '.join(names))}")
         return names.index(name)
 
     def slots(self, rows: Rows) -> I8:
@@ -171,7 +200,7 @@ class Decoder:
         }
 
 
-@functools.cache
+@functools.lru_cache(maxsize=8)
 def decoder_of(dbc: bytes) -> Decoder:
     """The decoder for a DBC that came with a recording; its tables are made once."""
     return Decoder(messages_of(dbc))

@@ -1,45 +1,51 @@
-"""Reads a recording whole, complete or not, and checks every byte that has a checksum.
+"""Reads a recording, complete or not, and checks every byte that has a checksum.
 
 A file without a footer was not finished: what its whole chunks hold is read, and `is_complete`
-is false. A wrong checksum anywhere else than at the torn end of such a file is damage, and refused.
+is false. A wrong checksum anywhere else than at the torn end of such a file is damage: what is
+whole is kept, and `damage` says so in one sentence.
 """
 
+import contextlib
 import functools
 import hashlib
+import itertools
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from cantools.database.errors import Error as DatabaseError
 from google.protobuf.message import DecodeError
-from textparser import ParseError
 
 from flight_sw import icd
-from flight_sw.errors import RecordingError
+from flight_sw.echo import echoed
+from flight_sw.errors import IcdError, RecordingError
 from sim_harness.journal import Kept, read_journal
-from sim_harness.telemetry import unpack
+from sim_harness.telemetry import scan
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.events import Events
+from sim_harness.telemetry.files import read_whole
 from sim_harness.telemetry.records import BUS_LOG, RECORDING_NAME, LogLevel, LogLine
+from sim_harness.telemetry.rows import bus_rows, check_times, frame_counts, truth_rows
 from sim_harness.telemetry.schema import (
     PACKAGE,
     flat_fields,
     frames_schema,
     log_schema,
     message_class,
-    record_dtype,
 )
 from sim_harness.telemetry.unpack import Contents, Topic, read_contents
-from sim_harness.telemetry.wire import HEAD_BYTES, WORD_BYTES
 from sim_harness.telemetry.writer import (
     CHECKSUM,
     FORMAT,
+    FRAMES_CHANNEL,
     FRAMES_TOPIC,
+    LOG_CHANNEL,
     LOG_TOPIC,
     MANIFEST,
     OUTCOME,
     PROFILE,
+    TRUTH_CHANNEL,
     TRUTH_NAME,
     TRUTH_TOPIC,
     checksum_of,
@@ -48,15 +54,16 @@ from sim_harness.telemetry.writer import (
 Rows = npt.NDArray[np.void]
 F8 = npt.NDArray[np.float64]
 I8 = npt.NDArray[np.int64]
-U1 = npt.NDArray[np.uint8]
 
 NS_PER_S = 1_000_000_000
+NUMBER_CHARACTERS_MAX = 40
 SCHEMAS = {
     FRAMES_TOPIC: frames_schema().name,
     LOG_TOPIC: log_schema().name,
     TRUTH_TOPIC: f"{PACKAGE}.{TRUTH_NAME}",
 }
-DBC_ERRORS = (DatabaseError, ParseError, UnicodeDecodeError, ValueError, KeyError)
+CHANNELS = {FRAMES_TOPIC: FRAMES_CHANNEL, LOG_TOPIC: LOG_CHANNEL, TRUTH_TOPIC: TRUTH_CHANNEL}
+LOG_LINES_MAX = 100_000  # that are read: a flight has some hundreds
 DBC_SUFFIX = ".dbc"
 RECORDING_KEY = "recording"  # of the manifest: what ties a journal to its recording
 
@@ -66,34 +73,32 @@ def open_recording(path: Path | str) -> "Recording":
     path = Path(path)
     if path.is_dir():
         path = path / RECORDING_NAME
-    try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise RecordingError(f"{path}: is neither a file nor a folder")
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read, {error.strerror}") from error
-    contents = read_contents(str(path), content)
+    contents = read_contents(str(path), read_whole(path), CHANNELS)
     if contents.profile != PROFILE:
-        found = f"has profile '{contents.profile}'" if contents.profile else "has no profile"
+        profile = echoed(contents.profile)
+        found = f"has profile '{profile}'" if contents.profile else "has no profile"
         raise RecordingError(
             f"{path}: an MCAP file of another project, it {found}, ours is '{PROFILE}'"
         )
     if MANIFEST not in contents.metadata:
+        if contents.damages:
+            raise RecordingError(f"{path}: damaged{contents.damages[0]}; its manifest is lost")
         raise RecordingError(f"{path}: ends before its manifest, nothing of a flight is in it")
-    written = contents.metadata[MANIFEST].get("format", "missing")
+    written = echoed(contents.metadata[MANIFEST].get("format", "missing"))
     if written != FORMAT:
         raise RecordingError(f"{path}: format is {written}, this reader knows {FORMAT}")
     if contents.metadata[MANIFEST].get(CHECKSUM) != checksum_of(contents.metadata[MANIFEST]):
         raise RecordingError(f"{path}: damaged, the checksum of its manifest is wrong")
     kept = None if contents.is_complete else read_journal(path)
-    if kept is not None and kept.recording_id != contents.metadata[MANIFEST].get(RECORDING_KEY):
+    is_own = kept and kept.recording_id == contents.metadata[MANIFEST].get(RECORDING_KEY)
+    if kept is not None and not is_own and not kept.damage:
         kept = None  # another flight's
     return Recording(path, contents, kept)
 
 
 def load_kernels() -> None:
     """Compile, or read from the cache, what reading a recording needs."""
-    unpack.load_kernels()
+    scan.load_kernels()
     decoder = decoder_of(icd.DBC_PATH.read_bytes())
     decoder.values(decoder.slots(np.zeros(0, BUS_LOG)), np.zeros(0, np.uint64))
 
@@ -110,6 +115,20 @@ class Recording:
     def is_complete(self) -> bool:
         """Whether the recorder finished the file."""
         return self._contents.is_complete
+
+    @property
+    def damage(self) -> str:
+        """Where the file, or its journal, is not as it was written; empty if nowhere."""
+        places = self._contents.damages
+        if places:
+            more = f" and in {len(places) - 1} places more" if len(places) > 1 else ""
+            return f"{self.path}: damaged{places[0]}{more}; read is what is whole"
+        return self._kept.damage if self._kept else ""
+
+    def check_whole(self) -> None:
+        """Say, once what is whole has been used, that not everything is."""
+        if self.damage:
+            raise RecordingError(self.damage)
 
     @functools.cached_property
     def manifest(self) -> Mapping[str, str]:
@@ -131,7 +150,7 @@ class Recording:
         """One attached file; `name` may be a suffix such as `.load`."""
         found = [n for n in self.attachments if n == name or (name[:1] == "." and n.endswith(name))]
         if len(found) != 1:
-            there = ", ".join(self.attachments) or "nothing"
+            there = echoed(", ".join(self.attachments) or "nothing")
             raise RecordingError(f"{self.path}: has no attachment {name}, attached is {there}")
         return self.attachments[found[0]]
 
@@ -140,8 +159,17 @@ class Recording:
         """Reads this recording's frames, through the DBC that came with it."""
         try:
             return decoder_of(self.attachment(DBC_SUFFIX))
-        except DBC_ERRORS as error:
+        except IcdError as error:
             raise RecordingError(f"{self.path}: its DBC cannot be read ({error})") from error
+
+    @functools.cached_property
+    def dbc_failure(self) -> str:
+        """Why its frames cannot be decoded; empty if they can."""
+        try:
+            self.decoder  # noqa: B018
+        except RecordingError as error:
+            return str(error)
+        return ""
 
     @property
     def has_our_dbc(self) -> bool:
@@ -157,8 +185,22 @@ class Recording:
     @property
     def period_s(self) -> float | None:
         """The minor frame; None where the manifest does not tell."""
-        told = self.manifest.get("period_s")
-        return float(told) if told else None
+        return self.manifest_number("period_s")
+
+    def manifest_number(self, key: str, base: int = 10) -> float | None:
+        """A number of the manifest; None where it does not tell, or tells none."""
+        text = self.manifest.get(key, "")[:NUMBER_CHARACTERS_MAX]
+        try:
+            found = float(text) if base == 10 else float(int(text, base))
+        except ValueError:
+            return None
+        return found if math.isfinite(found) else None
+
+    @property
+    def load_crc32(self) -> int | None:
+        """Which load flew; None where the manifest does not tell."""
+        told = self.manifest_number("load_crc32", 16)
+        return None if told is None else int(told)
 
     @property
     def until_s(self) -> float:
@@ -188,8 +230,18 @@ class Recording:
 
     def bus_chunks(self) -> Iterator[Rows]:
         """The CAN frames chunk by chunk, as BUS_LOG."""
-        for blob, starts, sizes in self._topic(FRAMES_TOPIC).pieces:
-            yield _bus_rows(blob, starts, sizes)
+        for piece in self._topic(FRAMES_TOPIC).pieces:
+            with self._named():
+                rows = bus_rows(piece)
+            yield rows
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        """Refusals say which file it is."""
+        try:
+            yield
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}") from error
 
     @functools.cached_property
     def missing_minor_frames(self) -> int:
@@ -211,36 +263,34 @@ class Recording:
         topic = self._topic(TRUTH_TOPIC)
         if topic.schema is None:
             return np.zeros(0, np.dtype([("t_s", "f8")]))
-        dtype = record_dtype(topic.schema)
-        tagged = [(f"tag_{n}", f"V{1 if n < 16 else 2}") for n in range(1, len(dtype.descr) + 1)]
-        wire = [part for pair in zip(tagged, dtype.descr, strict=True) for part in pair]
-        payloads = np.frombuffer(b"".join(topic.payloads()), np.dtype(wire))
-        out = np.zeros(len(payloads), dtype)
-        for name in dtype.names or ():
-            out[name] = payloads[name]
-        return out
+        with self._named():
+            return truth_rows(topic, topic.schema)
 
     @functools.cached_property
     def log(self) -> list[LogLine]:
         """The log in the order in which it was written."""
         line = message_class(log_schema())
-        lines = []
-        for payload in self._topic(LOG_TOPIC).payloads():
+        lines, unread = [], 0
+        for payload in itertools.islice(self._topic(LOG_TOPIC).payloads(), LOG_LINES_MAX):
             try:
                 read = line.FromString(payload)
                 t_s = read.timestamp.ToNanoseconds() / NS_PER_S
+                check_times(np.array([t_s]), "a line")
                 lines.append(LogLine(t_s, LogLevel(read.level), read.message))
-            except (DecodeError, ValueError) as error:
-                raise RecordingError(f"{self.path}: {LOG_TOPIC} holds no log ({error})") from error
+            except (DecodeError, ValueError, RecordingError):
+                unread += 1
+        if unread:
+            text = f"{unread:,} lines of the log cannot be read"
+            lines.append(LogLine(lines[-1].t_s if lines else 0.0, LogLevel.WARNING, text))
         return lines + self._lines_of_journal()
 
     def _lines_of_journal(self) -> list[LogLine]:
         """The events that frames of the journal tell of, and the recorder had no time to log."""
-        if not self._is_from_journal:
+        if not self._is_from_journal or self.dbc_failure:
             return []
         events, recorded = Events(self.decoder), len(self._recorded_bus)
         events.lines(self.bus[:recorded], self.slots[:recorded])
-        return events.lines(self.bus[recorded:], self.slots[recorded:])
+        return events.lines(self.bus[recorded:], self.slots[recorded:])[:LOG_LINES_MAX]
 
     @functools.cached_property
     def rows_before_gap(self) -> int:
@@ -250,7 +300,7 @@ class Recording:
         lost = np.flatnonzero(numbers != np.arange(len(numbers)))
         if self._is_from_journal or not len(lost):
             return len(self.bus)
-        counts = [_frame_counts(*piece) for piece in topic.pieces]
+        counts = [frame_counts(piece) for piece in topic.pieces]
         return int(np.concatenate(counts)[: int(lost[0])].sum())
 
     @functools.cached_property
@@ -279,7 +329,7 @@ class Recording:
         wanted = SCHEMAS[name]
         if topic is not None and topic.schema is not None and topic.schema.name != wanted:
             raise RecordingError(
-                f"{self.path}: {name} has schema {topic.schema.name}, ours is {wanted}"
+                f"{self.path}: {name} has schema {echoed(topic.schema.name)}, ours is {wanted}"
             )
         return topic or Topic(None, [])
 
@@ -294,26 +344,3 @@ def flattened(rows: Rows) -> Rows:
             column = column[part]
         out[name] = column
     return out
-
-
-def _bodies(octets: U1, starts: I8) -> I8:
-    """How far into each aeroshell.CanFrames message its frames begin: their length is a varint."""
-    return HEAD_BYTES + WORD_BYTES + 3 + (octets[starts + HEAD_BYTES + WORD_BYTES + 2] > 0x7F)
-
-
-def _frame_counts(blob: bytes, starts: I8, sizes: I8) -> I8:
-    """Frames in each message."""
-    return (sizes - _bodies(np.frombuffer(blob, np.uint8), starts)) // BUS_LOG["frame"].itemsize
-
-
-def _bus_rows(blob: bytes, starts: I8, sizes: I8) -> Rows:
-    """Frames of aeroshell.CanFrames messages, which the recorder lays out in one way alone."""
-    octets = np.frombuffer(blob, np.uint8)
-    times = starts[:, None] + np.arange(HEAD_BYTES + 1, HEAD_BYTES + 1 + WORD_BYTES)
-    t_s = octets[times].view(np.float64)[:, 0]
-    spans = zip((starts + _bodies(octets, starts)).tolist(), (starts + sizes).tolist(), strict=True)
-    frames = b"".join([blob[a:b] for a, b in spans])
-    rows = np.zeros(len(frames) // BUS_LOG["frame"].itemsize, BUS_LOG)
-    rows["frame"] = np.frombuffer(frames, BUS_LOG["frame"])
-    rows["t_s"] = np.repeat(t_s, _frame_counts(blob, starts, sizes))
-    return rows

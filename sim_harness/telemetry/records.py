@@ -9,6 +9,8 @@ from flight_sw.dictionary import FRAME
 
 RECORDING_NAME = "flight.mcap"  # in the folder of a flight
 
+TIME_MAX_S = 1e9  # of a mission
+
 BUS_LOG = np.dtype([("t_s", "f8"), ("frame", FRAME)])
 """One CAN frame in bus order; the frames of one minor frame share its mission time."""
 

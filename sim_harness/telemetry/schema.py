@@ -17,11 +17,14 @@ from google.protobuf.descriptor_pb2 import (
     FileDescriptorProto,
     FileDescriptorSet,
 )
+from google.protobuf.message import DecodeError
 
+from flight_sw.echo import echoed, is_plain_name
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message, Signal
 
 PACKAGE = "aeroshell"
+DESCRIPTORS_BYTES_MAX = 1 << 16  # of a schema that is read
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5  # wire types
 TIMESTAMP_FILE = "google/protobuf/timestamp.proto"
 
@@ -240,8 +243,21 @@ def message_class(schema: Schema) -> Any:
 
 def record_dtype(schema: Schema) -> np.dtype:
     """The flat record that a layout made of numbers alone stands for."""
-    files = FileDescriptorSet.FromString(schema.descriptors).file
-    codes = [(f.name, DTYPE_OF_TYPE.get(f.type)) for f in files[-1].message_type[0].field]
-    if bad := [name for name, code in codes if code is None]:
-        raise RecordingError(f"{schema.name}: {bad[0]} is not a number of fixed width")
-    return np.dtype([(name, str(code)) for name, code in codes])
+    if len(schema.descriptors) > DESCRIPTORS_BYTES_MAX:
+        raise RecordingError(
+            f"schema {echoed(schema.name)} has {len(schema.descriptors):,} bytes, "
+            f"allowed are {DESCRIPTORS_BYTES_MAX:,}"
+        )
+    try:
+        fields = FileDescriptorSet.FromString(schema.descriptors).file[-1].message_type[0].field
+    except (DecodeError, IndexError) as error:
+        raise RecordingError(f"schema {echoed(schema.name)} describes no message") from error
+    for place, field in enumerate(fields, start=1):
+        where = f"schema {echoed(schema.name)}, field {place}"
+        if field.type not in DTYPE_OF_TYPE:
+            raise RecordingError(f"{where}: {echoed(field.name)} is not a number of fixed width")
+        if not is_plain_name(field.name) or field.number != place:
+            raise RecordingError(f"{where}: {echoed(field.name)} is no field of a record")
+    if len({field.name for field in fields}) != len(fields):
+        raise RecordingError(f"schema {echoed(schema.name)} has two fields of one name")
+    return np.dtype([(field.name, DTYPE_OF_TYPE[field.type]) for field in fields])

@@ -25,7 +25,7 @@ from flight_sw.errors import RecordingError
 from sim_harness.telemetry.container import Container
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, Sampler, messages_of
 from sim_harness.telemetry.events import Events
-from sim_harness.telemetry.records import BUS_LOG, LogLine
+from sim_harness.telemetry.records import BUS_LOG, TIME_MAX_S, LogLine
 from sim_harness.telemetry.schema import (
     can_layout,
     flat_fields,
@@ -65,7 +65,6 @@ FRAMES_CHANNEL, LOG_CHANNEL, LOCATION_CHANNEL, TRUTH_CHANNEL, CAN_CHANNEL = 1, 2
 FRAMES_TOPIC, LOG_TOPIC, LOCATION_TOPIC, TRUTH_TOPIC = "/bus/frames", "/log", "/location", "/truth"
 
 RATE_MAX_HZ = 1000.0
-TIME_MAX_S = 1e9
 NS_PER_S = 1_000_000_000
 LOG_SOURCE = "aeroshell"
 

@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import cantools
@@ -14,55 +13,118 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.boot import COMPILING, READY, Announcer, boot_frame
+from flight_sw.announcer import ARMED, COMPILING, READY, Announcer, boot_frames
+from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
+from flight_sw.can.plain import CAN_FRAME, checksum, plain_frame, read_plain
 from flight_sw.can.receiver import OK, RX_STATE, judge
 from flight_sw.dictionary import FRAME
 from flight_sw.guidance import LAWS
+from flight_sw.identity import SOURCES, sources_sha256
 from sim_harness.bus.hub import Hub
 from tests.system.flights import ROOT, built
 
 TIMEOUT_S = 60.0
+REQUEST = {"computer": 1, "harness": 1, "request": 1}
+
+
+def kernel_reads(raw: bytes) -> tuple[str, int, dict[str, int]]:
+    """Message, verdict and values of a frame, as the compiled receiver has them."""
+    rx, values = np.zeros(1, RX_STATE), np.zeros(icd.N_VALUES)
+    rx["sender"] = icd.NODES.index("FSW")
+    slot, verdict = judge(build_codec()[0], rx[0], np.frombuffer(raw, FRAME)[0], values)
+    name = icd.MESSAGES[slot]
+    found = {s: int(values[icd.value_index(name, s)]) for s in icd.signal_names(name)}
+    return name, verdict, found
 
 
 @pytest.mark.parametrize("law", list(LAWS))
-@pytest.mark.parametrize("state", [COMPILING, READY])
+@pytest.mark.parametrize("state", [COMPILING, READY, ARMED])
 @pytest.mark.parametrize("counter", [0, 7, 15, 16, 33])
 def test_the_announcement_is_what_receiver_and_cantools_read(
     law: str, state: int, counter: int
 ) -> None:
-    raw = boot_frame(0xDEADBEEF, law, state, counter)
-    frame = np.frombuffer(raw, FRAME)
-    rx = np.zeros(1, RX_STATE)
-    rx["sender"] = icd.NODES.index("FSW")
-    values = np.zeros(icd.N_VALUES)
-    slot, verdict = judge(build_codec()[0], rx[0], frame[0], values)
-    assert (icd.MESSAGES[slot], verdict) == ("FSW_BOOT", OK)
+    image = built("lqy").image._replace(law=law, crc32=0xDEADBEEF)
+    wanted = {
+        "FSW_BOOT": {
+            "computer": 0x5A5A5, "state": state, "law": list(LAWS).index(law), "sources": SOURCES,
+        },
+        "FSW_LOAD": {"computer": 0x5A5A5, "load_crc32": 0xDEADBEEF},
+    }  # fmt: skip
     database = cantools.database.load_file(icd.DBC_PATH)
-    told = database.decode_message("FSW_BOOT", raw[8:], decode_choices=False)
-    assert told["load_crc32"] == 0xDEADBEEF
-    assert told["law"] == list(LAWS).index(law)
-    assert told["state"] == state
-    assert told["e2e_counter"] == counter % 16
+    for raw, (name, values) in zip(
+        boot_frames(0x5A5A5, image, state, counter), wanted.items(), strict=True
+    ):
+        assert kernel_reads(raw) == (name, OK, values)
+        told = database.decode_message(name, raw[8:], decode_choices=False)
+        assert {key: told[key] for key in values} == values
+        assert told["e2e_counter"] == counter % 16
+        read = read_plain(raw)
+        assert read is not None
+        assert (read.message.name, read.raw) == (name, values)
+
+
+@pytest.mark.parametrize("bit", range(64))
+def test_an_announcement_with_one_wrong_bit_is_not_read(bit: int) -> None:
+    for raw in boot_frames(0x5A5A5, built("lqy").image, READY, 9):
+        spoilt = int.from_bytes(raw[8:], "little") ^ 1 << bit
+        assert read_plain(raw[:8] + spoilt.to_bytes(8, "little")) is None
+
+
+def test_what_is_out_of_range_or_set_where_nothing_stands_is_not_read() -> None:
+    nobody = plain_frame("FSW_BOOT", {"computer": 0, "state": 1, "law": 1, "sources": 1}, 0)
+    assert read_plain(nobody) is None
+    word = int.from_bytes(plain_frame("GROUND_REQUEST", REQUEST, 0)[8:], "little") | 1 << 63
+    message = icd.layout("GROUND_REQUEST")
+    word = word & ~0xFF | checksum(message, word)
+    assert read_plain(CAN_FRAME.pack(message.can_id, 8, word)) is None
+
+
+def test_the_hash_of_the_sources_follows_each_of_them(tmp_path: Path) -> None:
+    files = {"a.py": b"1", "icd/b.dbc": b"2", "c.txt": b"3"}
+    hashes = []
+    for spoilt in (None, *files):
+        root = tmp_path / f"{spoilt}" / "flight_sw"
+        for name, content in files.items():
+            path = root / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content + (b"x" if name == spoilt else b""))
+        hashes.append(sources_sha256(root))
+    assert hashes[3] == hashes[0]  # no source
+    assert len({*hashes}) == 3
+    (tmp_path / "None" / "flight_sw" / "a.py").rename(tmp_path / "None" / "flight_sw" / "z.py")
+    assert sources_sha256(tmp_path / "None" / "flight_sw") not in hashes
 
 
 def test_the_announcer_repeats_itself_until_it_is_left() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     far.settimeout(5.0)
     with near, far:
-        with Announcer(near, built("lqy").image) as announcer:
-            frames = [np.frombuffer(far.recv(64), FRAME)[0] for _ in range(3)]
+        with Announcer(near, built("lqy").image, 5) as announcer:
+            frames = [np.frombuffer(far.recv(64), FRAME)[0] for _ in range(6)]
             announcer.state = READY
-        assert [int(f["data"]) >> 8 & 0xF for f in frames] == [0, 1, 2]
-        assert {int(f["can_id"]) for f in frames} == {icd.layout("FSW_BOOT").can_id}
-        assert threading.active_count() == threading.active_count()
+        assert [int(f["data"]) >> 8 & 0xF for f in frames] == [0, 0, 1, 1, 2, 2]
+        ids = [icd.layout(name).can_id for name in ("FSW_BOOT", "FSW_LOAD")]
+        assert [int(f["can_id"]) for f in frames] == ids * 3
 
 
 def test_an_announcement_that_nobody_hears_is_no_error() -> None:
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     far.close()
     with near:
-        Announcer(near, built("lqy").image).announce()
+        Announcer(near, built("lqy").image, 5).announce()
+
+
+@pytest.mark.parametrize(
+    ("state", "words", "found"), [(READY, 2, 6), (ARMED, 2, 6), (COMPILING, 9, 0), (READY, 1, 0)]
+)
+def test_the_announcer_hears_who_serves_the_bus_already(state: int, words: int, found: int) -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with near, far:
+        announcer = Announcer(near, built("lqy").image, 5)
+        for counter in range(words):
+            announcer.hear(boot_frames(6, announcer.image, state, counter)[0])
+        assert announcer.who_serves() == found
 
 
 def computer(load: Path, bus: str) -> subprocess.Popen[str]:
@@ -173,9 +235,10 @@ def test_a_lost_bus_ends_it_with_its_report_and_a_sentence(tmp_path: Path) -> No
 
 def wait_until_ready(path: Path) -> None:
     """Listen until a computer announces that it is ready."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as ear:
+    with open_bus(f"unix:{path}") as ear:
         ear.settimeout(TIMEOUT_S)
-        ear.connect(str(path))
         state = COMPILING
         while state != READY:
-            state = int.from_bytes(ear.recv(64)[8:], "little") >> 44 & 0xF
+            read = read_plain(ear.recv(64))
+            assert read is not None
+            state = read.raw.get("state", state)

@@ -44,8 +44,10 @@ WORKED = [
     ("NAV_HEATING", (1700000.0,), 3, "97 03 32 1b 08 00 00 00"),
     ("NAV_TIME", (900.02,), 8, "9d 08 72 53 5a 03 00 00"),
     ("FSW_STATUS", (45001, 2, 3, 1, 1, 0, 1, 1, 0xBEEF), 13, "dd 9d fc 0a 32 1b ef be"),
-    ("FSW_BOOT", (0x89ABCDEF, 1, 2), 2, "fe f2 de bc 9a 18 02 00"),
-    ("GROUND_REQUEST", (0x89ABCDEF, 1), 7, "7f f7 de bc 9a 18 00 00"),
+    ("FSW_BOOT", (0x89ABC, 1, 2, 0xDEF01), 2, "09 c2 ab 89 21 10 f0 de"),
+    ("GROUND_REQUEST", (0x89ABC, 0xDEF01, 1), 7, "6a c7 ab 89 01 ef 1d 00"),
+    ("FSW_LOAD", (0x12345, 0x89ABCDEF), 12, "fa 5c 34 12 ef cd ab 89"),
+    ("HARNESS_PRESENT", (0x89ABC, 0x12345, 1), 1, "0d c1 ab 89 45 23 11 00"),
     ("FSW_TIMING", (200, 300, 2, 5), 6, "c0 86 0c c0 12 20 40 01"),
     ("TM_NOMINAL_A", (2.0, -0.05), 12, "71 0c d0 12 13 70 2f fc"),
     ("TM_NOMINAL_B", (3.15, 0.98), 1, "f5 01 0b 01 03 b4 5f 00"),
@@ -61,7 +63,7 @@ WORKED = [
     ("TM_LQY", (-0.02, -8000.0), 6, "3c 06 96 e7 3f 78 ec ff"),
     ("RX_HEALTH_A", (1, 2, 3, 8191), 11, "18 1b 00 04 c0 00 f8 ff"),
     ("RX_HEALTH_B", (4, 5, 6, 7), 0, "02 40 00 0a 80 01 38 00"),
-    ("RX_HEALTH_C", (65535, 256, 400_000, 1), 5, "57 f5 ff 0f 10 00 a8 e1"),
+    ("RX_HEALTH_C", (8191, 256, 33, 400_000, 1), 5, "fc f5 ff 01 42 08 a8 e1"),
 ]
 
 

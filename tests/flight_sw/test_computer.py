@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flight_sw import icd, modes, status
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID
-from flight_sw.reception import ARM, STOP
+from flight_sw.requests import STOP
 from tests.system.flights import (
     NAV_FRAMES,
     Computer,
@@ -246,30 +246,6 @@ def test_every_tick_is_a_cycle_without_a_fix(lqy_flight: Recorded) -> None:
     assert computer.state["cycles_without_fix"][0] == 3
     assert len(commands(answers)) == 3
     assert computer.state["guidance"]["status"][0] == status.NO_FIX
-
-
-@pytest.mark.parametrize("kind", ["never asked", "another key", "stop"])
-def test_without_the_right_request_nothing_leaves_standby(lqy_flight: Recorded, kind: str) -> None:
-    made = lqy_flight.made
-    computer = Computer(made, armed=False)
-    if kind == "another key":
-        computer.feed(request(made, ARM, key=made.image.crc32 ^ 1))
-    if kind == "stop":
-        computer.feed(request(made, STOP))
-    answers = computer.feed(lqy_flight.navigation.ravel())
-    assert set(modes_of(answers)) == {"STANDBY"}
-    assert len({value(f) for f in commands(answers)}) == 1
-    assert computer.state["stop"][0] == (1 if kind == "stop" else 0)
-    assert computer.state["armed"][0] == 0
-
-
-def test_a_stop_request_for_another_load_does_not_stop(lqy_flight: Recorded) -> None:
-    made = lqy_flight.made
-    computer = Computer(made)
-    computer.feed(request(made, STOP, key=0, counter=1))
-    assert computer.state["stop"][0] == 0
-    computer.feed(request(made, STOP, counter=2))
-    assert computer.state["stop"][0] == 1
 
 
 def test_a_request_that_was_heard_is_not_heard_again(lqy_flight: Recorded) -> None:

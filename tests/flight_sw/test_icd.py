@@ -22,6 +22,8 @@ AGREED = {  # identifier: name, sender, cycle in ms
     0x030: ("FSW_STATUS", "FSW", 20),
     0x040: ("FSW_BOOT", "FSW", 100),
     0x041: ("GROUND_REQUEST", "HARNESS", 0),
+    0x042: ("FSW_LOAD", "FSW", 100),
+    0x043: ("HARNESS_PRESENT", "HARNESS", 1000),
     0x050: ("TM_NOMINAL_A", "FSW", 100),
     0x051: ("TM_NOMINAL_B", "FSW", 100),
     0x052: ("TM_LQY", "FSW", 100),

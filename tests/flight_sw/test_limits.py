@@ -167,5 +167,5 @@ def test_an_axis_too_fast_to_stop_is_stopped_at_its_end(
 
 def test_limits_out_of_range_are_refused_by_name() -> None:
     record = axis(rate=0.0)
-    with pytest.raises(LoadError, match=r"bank\.rate_max_radps is 0, allowed 1e-06 to 1e\+06"):
+    with pytest.raises(LoadError, match=r"bank\.rate_max_radps is 0, allowed 1\.74533e-05 to 1e\+06"):
         limits.AXIS_LIMITS.check(record, "bank")

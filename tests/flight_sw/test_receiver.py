@@ -264,7 +264,8 @@ def test_the_health_signals_carry_the_counters_and_stop_at_their_top(rx: np.ndar
             wanted = 100 + receiver.VERDICTS.index(signal.upper())
             assert values[icd.value_index(message, signal)] == wanted
     assert values[icd.value_index("RX_HEALTH_B", "incomplete_sets")] == 8191
-    assert values[icd.value_index("RX_HEALTH_C", "lost")] == 65535
+    assert values[icd.value_index("RX_HEALTH_C", "lost")] == 8191
+    assert values[icd.value_index("RX_HEALTH_C", "misdirected")] == 63
     heard = sum(100 + verdict for verdict in range(receiver.N_VERDICTS))
     assert values[icd.value_index("RX_HEALTH_C", "heard")] == heard
     rx["counted"][0, receiver.OK] += 524_288  # what 19 bits carry

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -49,40 +49,49 @@ def case(kind: Kind, samples: Sequence[bytes], seed: int) -> bytes:
     return kind.mutate(rng.choice(samples), rng, samples)
 
 
-def failures(target: str, seeds: range, at_most: int = 5) -> list[str]:
+def failures(
+    target: str, seeds: range, at_most: int = 5, environment: Mapping[str, str] | None = None
+) -> list[str]:
     """What went wrong with the cases of these seeds; `target` is `module:attribute` of a Kind."""
-    return _failures(target, "seeds", [str(seed) for seed in seeds], at_most)
+    return _failures((target, "seeds"), [str(seed) for seed in seeds], at_most, environment or {})
 
 
 def failures_of_files(target: str, paths: Sequence[Path]) -> list[str]:
     """What goes wrong with kept cases."""
-    return _failures(target, "files", [str(path) for path in paths], len(paths))
+    return _failures((target, "files"), [str(path) for path in paths], len(paths), {})
 
 
-def _failures(target: str, form: str, names: list[str], at_most: int) -> list[str]:
+def _failures(
+    what: tuple[str, str], names: list[str], at_most: int, environment: Mapping[str, str]
+) -> list[str]:
     found: list[str] = []
     while names and len(found) < at_most:
-        done, why = _child(target, form, names)
+        done, why = _child(what, names, environment)
         if why:
-            found.append(f"{form} {names[done]}: {why}")
+            found.append(f"{what[1]} {names[done]}: {why}")
         names = names[done + 1 :]
     return found
 
 
-def _child(target: str, form: str, names: list[str]) -> tuple[int, str]:
+def _child(
+    what: tuple[str, str], names: list[str], environment: Mapping[str, str]
+) -> tuple[int, str]:
     """How many cases are done, and why no more are."""
-    command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.children", target, form]
+    command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.children", *what]
     with tempfile.TemporaryDirectory() as folder:
         wanted, errors = Path(folder, "names"), Path(folder, "errors")
         wanted.write_text("\n".join(names))
+        working = Path(folder, "working")
+        working.mkdir()
+        paths = {"TMPDIR": folder, "PYTHONPATH": str(ROOT)}
         with (
             errors.open("wb") as file,
             subprocess.Popen(
                 [*command, str(wanted)],
                 stdout=subprocess.PIPE,
                 stderr=file,
-                cwd=ROOT,
-                env={**os.environ, "TMPDIR": folder},
+                cwd=working,
+                env={**os.environ, **environment, **paths},
             ) as child,
         ):
             done, why = _heard(child)

@@ -14,6 +14,7 @@ from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import BUS_LOG
 
 DT_S = 0.02
+DRAIN_S = 120.0  # of the clock: nobody waits for ever
 DATABASE = cantools.database.load_file(icd.DBC_PATH)
 CODEC = codec.build_codec()[0]
 DBC = {icd.DBC_PATH.name: ("text/plain", icd.DBC_PATH.read_bytes())}
@@ -93,7 +94,9 @@ def truth_rows(cycles: range) -> np.ndarray:
 def drain(recorder: Recorder) -> None:
     """Wait until all that was handed over is on disk, in a chunk of its own."""
     recorder._wake.set()
+    end_s = time.monotonic() + DRAIN_S
     while recorder._waiting_bytes and recorder.failure is None:
+        assert time.monotonic() < end_s, "the recorder does not write"
         time.sleep(0.001)
 
 

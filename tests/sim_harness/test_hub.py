@@ -6,6 +6,7 @@ import socket
 import stat
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -196,9 +197,55 @@ def test_clients_come_and_go(hub: Hub) -> None:
 
 def test_one_client_too_many_is_turned_away(hub: Hub) -> None:
     clients = clients_of(hub, CLIENTS_MAX)
-    assert Client(hub.path).is_lost()
+    words: list[str] = []
+    hub._tell = words.append
+    with pytest.raises(BusError, match=f"unix:{hub.path}: has as many clients as it takes, 32 of"):
+        Client(hub.path)
+    assert words == [f"unix:{hub.path}: client 33, process {os.getpid()} was turned away"]
+    assert hub.stats.clients_refused == 1
     assert clients[0].send(numbered(1)) == 1
     assert len(clients[-1].receive(1)) == 1
+
+
+NOBODY = 65534
+STRANGER = """
+import os, sys
+from flight_sw.can.address import open_bus
+from flight_sw.errors import BusError
+os.setgid(int(sys.argv[2]))
+os.setuid(int(sys.argv[2]))
+try:
+    open_bus("unix:" + sys.argv[1])
+except BusError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only the superuser can be another user")
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [(0o600, "no permission to connect"), (0o777, "belongs to another user")],
+)
+def test_another_user_is_turned_away_whatever_the_socket_permits(mode: int, words: str) -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        Path(folder).chmod(0o777)
+        before = os.umask(0)
+        try:
+            hub = Hub(Path(folder) / "bus").start()
+        finally:
+            os.umask(before)
+        try:
+            assert stat.S_IMODE(hub.path.stat().st_mode) == 0o600
+            hub.path.chmod(mode)
+            done = subprocess.run(
+                [sys.executable, "-c", STRANGER, str(hub.path), str(NOBODY)],
+                cwd=ROOT, capture_output=True, text=True, check=False,
+            )  # fmt: skip
+            assert done.stdout == f"unix:{hub.path}: {words}\n", done.stderr
+            assert hub.stats.clients_refused == (1 if mode == 0o777 else 0)
+            clients_of(hub, 1)
+        finally:
+            hub.stop()
 
 
 def test_stopping_ends_every_connection_and_removes_the_file(tmp_path: Path) -> None:
@@ -314,7 +361,7 @@ def test_the_command_runs_a_hub_until_a_signal_and_tells_what_it_moved(
     lines = [line.split("  ")[0] for line in out.splitlines()]
     assert lines == [
         "clients connected", "frames received", "frames delivered", "frames dropped",
-        "packets refused",
+        "packets refused", "clients refused",
     ]  # fmt: skip
     assert "clients connected  2\n" in out
     assert "packets refused    1  (not of 16 bytes)\n" in out

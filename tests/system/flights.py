@@ -17,13 +17,14 @@ from flight_sw import icd
 from flight_sw.computer import new_state
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.histogram import HISTOGRAM
+from flight_sw.identity import ALONE
 from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
-from flight_sw.reception import ARM
+from flight_sw.requests import ARM
 from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
 from sim_harness.logs import BUS, TRUTHS, Logs
 from sim_harness.loop import HARNESS, fly_in_memory
 from sim_harness.mission import Mission, load_mission
-from sim_harness.port import put_request
+from sim_harness.port import FLYING_HERE, put_presence, put_request
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import TRUTH
 from tools.gains.body import fill_body
@@ -235,14 +236,27 @@ def recorded(law: str, piece: str, cycles: int) -> Recorded:
     return Recorded(made, navigation, frames[answers], world.truth.copy())
 
 
-def request(made: Built, code: int, key: int | None = None, counter: int = 0) -> Frames:
-    """One ground request frame; the key is the load's unless another is given."""
-    harness = np.zeros(1, HARNESS)
-    harness["codec"] = made.load["codec"]
-    harness["port"]["request_counter"] = counter
+def request(
+    made: Built, code: int, computer: int = ALONE, harness: int = ALONE, counter: int = 0
+) -> Frames:
+    """One ground request frame, from a harness to a computer."""
+    side = np.zeros(1, HARNESS)
+    side["codec"] = made.load["codec"]
+    port = side["port"]
+    port["request_counter"], port["computer"], port["harness"] = counter, computer, harness
     frames = np.zeros(1, FRAME)
-    crc32 = made.image.crc32 if key is None else key
-    put_request(harness["codec"][0], harness["port"][0], code, crc32, frames)
+    put_request(side["codec"][0], port[0], code, frames)
+    return frames
+
+
+def presence(made: Built, computer: int, harness: int = ALONE, counter: int = 0) -> Frames:
+    """One word of a harness that it is here, and of the computer that it flies with."""
+    side = np.zeros(1, HARNESS)
+    side["codec"] = made.load["codec"]
+    port = side["port"]
+    port["present_counter"], port["computer"], port["harness"] = counter, computer, harness
+    frames = np.zeros(1, FRAME)
+    put_presence(side["codec"][0], port[0], FLYING_HERE, frames)
     return frames
 
 

@@ -14,6 +14,7 @@ from sim_harness.replay.open_loop import compare, spreads
 from sim_harness.replay.replayer import Replayer
 from sim_harness.replay.script import heard_by_computer
 from sim_harness.telemetry.reader import open_recording
+from tests.sim_harness.recordings import drain
 from tests.system.flights import MISSION, Computer, built, cantools_values, commands
 from tests.system.paced import piece
 from tests.system.replays import DT_S, Bench, fly, record, replay, resealed
@@ -156,8 +157,7 @@ def test_a_replay_ends_where_minor_frames_are_missing(tmp_path: Path, flown: Pat
 
         def with_gap(self: Recorder, rows: np.ndarray) -> None:
             plain(self, first)
-            while self._waiting_bytes:
-                pass
+            drain(self)
             self._writer.skip(50)
             plain(self, second)
 

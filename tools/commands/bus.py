@@ -55,6 +55,7 @@ def _print_statistics(stats: HubStats) -> None:
     tell(f"frames delivered   {stats.frames_sent}")
     tell(f"frames dropped     {stats.frames_dropped}  (a client did not read)")
     tell(f"packets refused    {stats.packets_refused}  (not of 16 bytes)")
+    tell(f"clients refused    {stats.clients_refused}  (of other users, or one too many)")
 
 
 @app.command()
@@ -66,7 +67,7 @@ def hub(
     ] = True,
 ) -> None:
     """Run a bus on PATH until Ctrl-C or SIGTERM, then print what it moved."""
-    with _end_signals() as over, Hub(path, prompt=prompt) as running:
+    with _end_signals() as over, Hub(path, prompt=prompt, tell=say) as running:
         say(f"bus on {path}, Ctrl-C ends it")
         over.wait()
         stats = running.stats

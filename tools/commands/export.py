@@ -15,6 +15,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="replace files in --out")] = False,
 ) -> None:
     """Write every CAN message, the truth, the log and the raw frames as a table each."""
+    from flight_sw.errors import RecordingError
     from sim_harness.telemetry.reader import open_recording
     from tools.flight_tables import export as write
 
@@ -25,3 +26,6 @@ def export(
         say(f"{flight}: incomplete, exported is the flight until {recording.until_s:z.2f} s")
     for path in written:
         tell(path)
+    recording.check_whole()
+    if recording.dbc_failure:
+        raise RecordingError(f"{recording.dbc_failure}; no message is exported")

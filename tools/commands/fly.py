@@ -24,6 +24,10 @@ ExternalComputer = Annotated[
     bool,
     typer.Option("--external-computer", help="a flight computer with this load is on the bus"),
 ]
+OtherSources = Annotated[
+    bool,
+    typer.Option("--other-sources", help="warn of a flight computer of other sources, fly with it"),
+]
 ShowLive = Annotated[bool, typer.Option("--live", help="show the flight in a Rerun viewer")]
 InViewer = Annotated[
     str | None, typer.Option(metavar="URL", help="--live, in a viewer that is open already")
@@ -127,7 +131,9 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
     from platform import python_version
 
+    from flight_sw.identity import name_of
     from sim_harness.mission import differences
+    from sim_harness.replay.script import HARNESS_KEY
     from sim_harness.summary import pace_text
     from sim_harness.telemetry.reader import RECORDING_KEY
 
@@ -146,6 +152,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "bus": plan.bus,
         "seed": str(plan.seed),
         "load_crc32": f"0x{run.image.crc32:08x}",
+        HARNESS_KEY: name_of(run.number),
         "overrides": json.dumps(differences(plan.mission)),
         "command_line": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
     }
@@ -223,6 +230,7 @@ def fly(
     live: ShowLive = False,
     viewer: InViewer = None,
     external_computer: ExternalComputer = False,
+    other_sources: OtherSources = False,
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from flight_sw.errors import FlightError
@@ -245,6 +253,7 @@ def fly(
         truth_rate_hz=rate_hz,
         recorded=record or live or viewer is not None,
         own_computer=not external_computer,
+        other_sources=other_sources,
         pace=factor,
         synchronisation=synchronisation,
     )

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from flight_sw.echo import echoed
 from flight_sw.streams import tell
 
 DISPLAY = {  # SI unit at the end of a name: factor and unit to show
@@ -20,6 +21,7 @@ DISPLAY = {  # SI unit at the end of a name: factor and unit to show
 
 
 TIMING_KEY = "timing"  # told by `aeroshell timing`
+VALUE_MAX, KEY_MAX = 2000, 40  # characters of the manifest that are shown
 SHOWN_S = 0.005  # what two decimals of a second show at least
 
 
@@ -31,8 +33,10 @@ def info(
     from sim_harness.telemetry.reader import open_recording
     from tools.flight_facts import facts
 
-    found = facts(open_recording(flight))
+    recording = open_recording(flight)
+    found = facts(recording)
     tell(json.dumps(found, indent=1) if as_json else _text(found))
+    recording.check_whole()
 
 
 def _text(found: dict[str, Any]) -> str:
@@ -41,7 +45,7 @@ def _text(found: dict[str, Any]) -> str:
         ("manifest", _pairs(found["manifest"])),
         ("outcome", _pairs({k: v for k, v in found["outcome"].items() if k != TIMING_KEY})),
         ("modes", [f"{m['t_s']:z9.2f} s  {m['mode']}" for m in found["modes"]]),
-        ("events", [f"{e['t_s']:z9.2f} s  {e['level']:<7}  {e['text']}" for e in found["events"]]),
+        ("events", [_event(event) for event in found["events"]]),
         ("extremes", [_extreme(extreme) for extreme in found["extremes"]]),
     ]
     lines = []
@@ -67,13 +71,15 @@ def _contents(found: dict[str, Any]) -> str:
         f"{found['frames']:,} CAN frames in {found['minor_frames']:,} minor frames",
         f"{found['truth_rows']:,} samples of the truth",
         f"{found['bytes'] / 1e6:z.1f} MB",
-        "attached " + (", ".join(found["attachments"]) or "nothing"),
+        "attached " + (echoed(", ".join(found["attachments"])) or "nothing"),
     ]
     if found["missing_minor_frames"]:
         parts.append(f"{found['missing_minor_frames']:,} minor frames missing")
     if found["frames_not_decoded"]:
         parts.append(f"{found['frames_not_decoded']:,} frames of no known form")
-    if found["is_of_this_dbc"] is None:
+    if found["dbc_failure"] and found["is_of_this_dbc"] is not None:
+        parts.append("its DBC cannot be read, its frames are not decoded")
+    elif found["is_of_this_dbc"] is None:
         parts.append("no DBC is attached, its frames are not decoded")
     elif not found["is_of_this_dbc"]:
         parts.append("read through its own DBC, which is not this version's")
@@ -81,8 +87,12 @@ def _contents(found: dict[str, Any]) -> str:
 
 
 def _pairs(items: dict[str, str]) -> list[str]:
-    width = max((len(key) for key in items), default=0)
-    return [f"{key:<{width}}  {value}" for key, value in items.items()]
+    width = min(max((len(key) for key in items), default=0), KEY_MAX)
+    return [f"{echoed(key):<{width}}  {echoed(value, VALUE_MAX)}" for key, value in items.items()]
+
+
+def _event(event: dict[str, Any]) -> str:
+    return f"{event['t_s']:z9.2f} s  {event['level']:<7}  {echoed(event['text'])}"
 
 
 def _extreme(extreme: dict[str, Any]) -> str:

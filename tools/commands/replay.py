@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from flight_sw.echo import echoed
 from flight_sw.streams import say, tell
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from sim_harness.telemetry.reader import Recording
 
 DIFFERS = 1
+COUNT_DIGITS_MAX = 18
 
 
 def replay(
@@ -47,6 +49,7 @@ def replay(
         tell(json.dumps(_object(recording, found, wall_s, speed), indent=1))
     else:
         tell("\n".join(_lines(flight, recording, found, f"{wall_s:z.2f} s, {speed:z,.0f} times")))
+    recording.check_whole()
     if not found.is_identical:
         sys.exit(DIFFERS)
 
@@ -90,7 +93,8 @@ def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) ->
             f"{found.reports:,} reports of the computer count other frames than are here: it heard "
             "some that the recording lacks, or missed some"
         )
-    lost = int(recording.outcome.get(LOST_KEY, "0"))
+    told = recording.outcome.get(LOST_KEY, "0")[:COUNT_DIGITS_MAX]
+    lost = int(told) if told.isdecimal() and told.isascii() else 0
     if lost and (found.reports or found.difference):
         lines.append(f"{lost:,} frames of the bus are not in the recording, its log was full")
     if found.unanswered:
@@ -125,7 +129,7 @@ def _open_loop(flight: Path, load: Path, out: Path | None, as_json: bool) -> Non
     if as_json:
         tell(json.dumps(_open_loop_object(flight, load, compared, told), indent=1))
     else:
-        crc32 = recording.manifest.get("load_crc32", "?")
+        crc32 = echoed(recording.manifest.get("load_crc32", "?"))
         tell(
             f"{flight}: open loop, what {load} (law {image.law}, 0x{image.crc32:08x}) would have "
             f"commanded of what the computer with load {crc32} heard\n"
@@ -143,6 +147,7 @@ def _open_loop(flight: Path, load: Path, out: Path | None, as_json: bool) -> Non
     if out is not None:
         write_compared(compared, out)
         say(f"{out}")
+    recording.check_whole()
 
 
 def _open_loop_object(

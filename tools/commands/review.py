@@ -147,6 +147,8 @@ def _tell_gaps(flights: "list[FlightData]") -> None:
     for flight in flights:
         recording = flight.recording
         gaps = list(flight.gaps)
+        if recording.damage:
+            say(recording.damage)
         if not recording.is_complete:
             gaps.insert(0, f"incomplete, shown is the flight until {recording.until_s:z.2f} s")
         if recording.missing_minor_frames:

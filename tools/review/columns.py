@@ -134,9 +134,9 @@ def frames_per_second(flight: FlightData) -> tuple[F8, F8]:
     t_s = flight.recording.bus["t_s"]
     if len(t_s) < 2:
         return np.zeros(0), np.zeros(0)
-    counts = np.bincount(t_s.astype(np.int64))[1:-1]
-    middles: F8 = np.arange(1, len(counts) + 1, dtype=float) + 0.5
-    return middles, counts.astype(float)
+    seconds, counts = np.unique(t_s.astype(np.int64), return_counts=True)
+    whole = (seconds > 0) & (seconds < seconds[-1])
+    return seconds[whole] + 0.5, counts[whole].astype(float)
 
 
 class Lane(NamedTuple):

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.echo import echoed
 from flight_sw.errors import AeroshellError, RecordingError
 from sim_harness import documents
-from sim_harness.mission import Mission, load_mission
+from sim_harness.mission import Mission, apply, mission_of
 from sim_harness.telemetry.reader import Recording, open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 from tools.review.corridor import PathLimits
@@ -105,17 +106,26 @@ class FlightData:
             if not isinstance(overrides, dict):
                 raise documents.DocumentError("its overrides are no table")
             with tempfile.TemporaryDirectory() as folder:
-                root = Path(folder)
-                for name, content in attachments.items():
-                    if (path := root / name).resolve().is_relative_to(root.resolve()):
-                        path.parent.mkdir(parents=True, exist_ok=True)
-                        path.write_bytes(content)
-                mission = load_mission(root / names[0], overrides)
+                path = Path(folder, f"mission{MISSION_SUFFIX}")
+                raw = documents.toml_of(attachments[names[0]])
+                apply(raw, overrides)
+                self._bring_table(raw, path.with_name("atmosphere.csv"))
+                mission = mission_of(raw, path, echoed(names[0]))
                 return mission, mission.world()[0]
-        except (AeroshellError, ValueError) as error:
-            reason = str(error).splitlines()[0]
+        except (AeroshellError, ValueError, OSError, RecursionError) as error:
+            reason = echoed((str(error).splitlines() or [type(error).__name__])[0])
             self.gaps.append(f"its mission is not understood, {reason}: no planet and limits")
             return None, None
+
+    def _bring_table(self, raw: dict[str, Any], path: Path) -> None:
+        """Put the table of air that is attached where the mission then finds it, whatever its name:
+        a name that came with a recording leads to nothing but what is in it."""
+        air = raw.get("atmosphere")
+        if isinstance(air, dict) and isinstance(air.get("csv"), str):
+            if air["csv"] not in self.recording.attachments:
+                raise RecordingError(f"its table {echoed(air['csv'])} is not attached")
+            path.write_bytes(self.recording.attachments[air["csv"]])
+            air["csv"] = path.name
 
 
 def limits_of(mission: Mission | None) -> PathLimits:
