@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from flight_sw.errors import MissionError
 from sim_harness.dispersion_keys import Dispersions, Fixed, Normal, Uniform, nominal_of
+from sim_harness.documents import short
 from sim_harness.mission_errors import nearest
 
 F8 = npt.NDArray[np.float64]
@@ -65,8 +66,8 @@ def correlation_root(dispersions: Dispersions, keys: list[str], where: str) -> F
         for key in group.keys:
             if key not in keys:
                 raise MissionError(
-                    f"{where}.correlations names {key}{nearest(key, keys)}; "
-                    f"allowed keys that vary in the set: {', '.join(keys)}"
+                    f"{where}.correlations names {short(key)}{nearest(key, keys)}; "
+                    f"allowed keys that vary in the set: {short(', '.join(keys))}"
                 )
         places = [keys.index(key) for key in group.keys]
         for i in places:

@@ -13,7 +13,7 @@ from sim_harness.quantities import Quantity, Section, Text, plain
 
 TAG = "model"
 WORD_MAX = 100  # characters of a word that another is looked for
-SENTENCES_MAX = 10  # about one file
+TOLD_CHARACTERS_MAX = 800  # about one file, beyond its first sentence
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -171,6 +171,11 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
 def sentences(root: type[BaseModel], raw: Any, error: ValidationError, label: str) -> list[str]:
     """What is wrong with a file, a sentence each; of very many the first ones."""
     found = error.errors(include_url=False)
-    lines = [f"{label}: {sentence(root, raw, e)}" for e in found[:SENTENCES_MAX]]
+    lines: list[str] = []
+    for one in found:
+        line = f"{label}: {sentence(root, raw, one)}"
+        if lines and sum(map(len, lines)) + len(line) > TOLD_CHARACTERS_MAX:
+            break
+        lines.append(line)
     more = len(found) - len(lines)
     return [*lines, f"{label}: {more:,} more are refused"] if more else lines

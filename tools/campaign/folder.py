@@ -135,6 +135,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         if found["type"] == "missing":
             what = f"says no {where}"
         raise FlightError(f"{path}: {what}: not a campaign's manifest") from None
+    absent = {k: f.default for k, f in Manifest.model_fields.items() if not f.is_required()}
+    told = {**absent, **told}
     _check_consistent(path, told)
     check_plain(folder, told["job"]["law"])
     return told
