@@ -67,12 +67,13 @@ def kernel_folder(*roots: Path) -> KernelFolder:
     return KernelFolder(cache_root() / source_hash(*roots))
 
 
-def kernel_decorator(*roots: Path) -> Callable[..., Any]:
+def kernel_decorator(*roots: Path, inlined: bool = True) -> Callable[..., Any]:
     """The decorator of all kernels that depend on nothing outside `roots`."""
     folder = kernel_folder(*roots)
+    flags = {**FLAGS, "forceinline": inlined}
 
     def kernel(function: Callable[..., Any]) -> Any:
-        compiled = numba.njit(function, **FLAGS)
+        compiled = numba.njit(function, **flags)
         if not config.DISABLE_JIT:
             compiled._cache = KernelCache(function, folder)
         return compiled
@@ -81,3 +82,5 @@ def kernel_decorator(*roots: Path) -> Callable[..., Any]:
 
 
 kernel = kernel_decorator(FLIGHT_ROOT)
+seldom_kernel = kernel_decorator(FLIGHT_ROOT, inlined=False)
+"""For what no nominal cycle runs: it is called, since every copy of it would be compiled again."""

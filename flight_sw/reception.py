@@ -32,7 +32,7 @@ from flight_sw.can.receiver import (
 )
 from flight_sw.candidate import GAP_MAX_CYCLES, NAV_SLOTS, fill_nav, join, surprise
 from flight_sw.dictionary import TICK_ID
-from flight_sw.jit import kernel
+from flight_sw.jit import kernel, seldom_kernel
 from flight_sw.requests import (
     PRESENT,
     REQUEST,
@@ -141,7 +141,7 @@ def _time_fits(load: Record, state: Record, counter: int, t_s: float) -> bool:
     return (cycles - steps) & COUNTER_MASK == 0
 
 
-@kernel
+@seldom_kernel
 def _weigh(load: Record, state: Record, slot: int) -> None:
     """Of two plausible frames of one message and cycle the less surprising one stays."""
     if state["had_fix"] == 0 or not gate.plausible(load, state, slot, state["received"]):
@@ -170,7 +170,7 @@ def _is_better_aside(load: Record, state: Record, slot: int, counter: int, fits:
     )
 
 
-@kernel
+@seldom_kernel
 def _set_aside(
     load: Record, state: Record, slot: int, counter: int, sequence: int, refused_as: int
 ) -> None:
@@ -227,7 +227,7 @@ def receive(load: Record, state: Record, frame: Record) -> bool:
     return False
 
 
-@kernel
+@seldom_kernel
 def _agree(load: Record, state: Record, counter: int) -> bool:
     """Take a whole set that was refused for a candidate; True once it is to be believed.
 

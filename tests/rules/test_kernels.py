@@ -16,7 +16,7 @@ from tests.rules.sources import (
 )
 
 ARGUMENTS_MAX = 8
-DECORATOR = "kernel"
+DECORATORS = {"kernel", "seldom_kernel"}
 DECORATOR_FILES = (FLIGHT / "jit.py", HARNESS / "jit.py")
 COMPILERS = {"njit", "jit", "cfunc", "vectorize", "guvectorize", "stencil", "jitclass"}
 SCALARS = {
@@ -49,9 +49,9 @@ CALLS = {"print", "open", "list", "dict", "set", "str", "bytes", "getattr", "set
 
 
 def is_kernel(function: ast.AST) -> bool:
-    """True for a function under the one decorator, however it was imported."""
+    """True for a function under one of the decorators, however it was imported."""
     decorators = getattr(function, "decorator_list", [])
-    return any(dotted(d).split(".")[-1] == DECORATOR for d in decorators)
+    return any(dotted(d).split(".")[-1] in DECORATORS for d in decorators)
 
 
 def kernels_in(tree: ast.AST) -> list[ast.FunctionDef]:

@@ -1,9 +1,14 @@
-"""A whole flight among 100,000 false frames with our identifiers and right checksums.
+"""Whole flights among false frames with our identifiers and right checksums, over many seeds.
 
 A checksum of eight bits lets one random frame in 256 pass; these pass it all. What is left is the
-sequence, the ranges and the gates on what a vehicle can have done since the last fix.
+sequence, the ranges and the gates on what a vehicle can have done since the last fix. They do not
+stop every frame: docs/limits.md states one in how many is believed, and that is what is tested, and
+that no flight is lost by it.
 """
 
+import functools
+import math
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,17 +16,19 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.can.e2e import protect
+from flight_sw.can.receiver import SILENCE_PERIODS
 from flight_sw.computer import minor_frame
 from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from sim_harness import loop
 from sim_harness.jit import kernel
 from sim_harness.logs import COMMANDS, Logs
 from sim_harness.world.records import END_CONDITION, FLYING
-from tests.system.flights import FLOWN, NAV_FRAMES, Computer, World, built, sha256
+from tests.system.flights import FLOWN, NAV_FRAMES, ROOT, Computer, World, built, sha256
 
 pytestmark = pytest.mark.jit_only
 
-FALSE_FRAMES = 100_000
+FALSE_FRAMES = 50_000
+SEEDS = range(20)  # of each law
 CYCLES = 46_000  # longer than the flight
 PER_CYCLE_MAX = RX_CAPACITY - NAV_FRAMES
 OURS = [message for message in icd.LAYOUT if message.sender == "HARNESS"]
@@ -114,33 +121,82 @@ def command_stream(world: World) -> str:
     return sha256(world.logs.commands[: int(world.harness["written"][0, COMMANDS])])
 
 
+class Met(NamedTuple):
+    """What a flight among false frames came to, beside the calm one."""
+
+    false: int
+    incomplete_sets: int
+    commands_moved: bool
+    refused: dict[str, int]
+    accepted: int
+    cycles: int
+    moved: float
+    """Largest relative change of heat load, range and time."""
+
+    @property
+    def is_touched(self) -> bool:
+        """Whether a false frame was believed: a set lacks a true one, or the law saw another."""
+        return self.incomplete_sets > 0 or self.commands_moved
+
+
+@functools.cache
+def met(law: str) -> list[Met]:
+    """The flights of all seeds."""
+    calm = calm_flight(law)
+    truth, stream = calm.harness["truth"][0], command_stream(calm)
+    found = []
+    for seed in SEEDS:
+        noise = random_noise(built(law).load["codec"], seed)
+        assert np.diff(noise.first).max() <= PER_CYCLE_MAX
+        outcome, world, computer = flown_among(law, noise)
+        flown = world.harness["truth"][0]
+        assert outcome == END_CONDITION, seed
+        assert computer.state["fix_valid"][0] == 1, seed
+        cycles = int(flown["minor_frames"])
+        counted = computer.counted
+        accepted = counted.pop("OK") + counted.pop("LOST", 0)
+        changes = [flown[n] / truth[n] - 1.0 for n in ("heat_load_jpm2", "ground_range_m", "t_s")]
+        found.append(
+            Met(int(noise.first[cycles]), int(computer.state["incomplete_sets"][0]),
+                command_stream(world) != stream, counted, accepted, cycles,
+                float(np.abs(changes).max()))
+        )  # fmt: skip
+    return found
+
+
+def stated_rate() -> int:
+    """One in how many false frames with a right checksum is believed, by docs/limits.md."""
+    text = " ".join((ROOT / "docs" / "limits.md").read_text(encoding="utf-8").split())
+    (number,) = re.findall(r"right checksum is believed about once in ([\d,]+)", text)
+    return int(number.replace(",", ""))
+
+
+def test_no_more_false_frames_are_believed_than_is_stated() -> None:
+    """Flights with none are e^-rate of all: 3 sigma of the number of the others is the bar."""
+    flights = [flight for law in FLOWN for flight in met(law)]
+    share = 1.0 - math.exp(-float(np.mean([f.false for f in flights])) / stated_rate())
+    sigma = math.sqrt(len(flights) * share * (1.0 - share))
+    touched = sum(f.is_touched for f in flights)
+    assert touched <= len(flights) * share + 3.0 * sigma
+    assert 2.0 * len(flights) * share > len(flights) * share + 3.0 * sigma  # twice the rate is seen
+
+
 @pytest.mark.parametrize("law", FLOWN)
-def test_false_frames_with_right_checksums_move_no_command(law: str) -> None:
-    noise = random_noise(built(law).load["codec"], seed=2)
-    assert np.diff(noise.first).max() <= PER_CYCLE_MAX
-    outcome, world, computer = flown_among(law, noise)
-    assert outcome == END_CONDITION
-    cycles = int(world.harness["truth"]["minor_frames"][0])
-    counted = computer.counted
-    assert counted.pop("OK") == NAV_FRAMES * cycles + 1  # the flight's own, and one request
-    assert sum(counted.values()) == noise.first[cycles]
-    assert set(counted) == {"REPEATED", "WRONG_SEQUENCE", "OUT_OF_RANGE", "IMPLAUSIBLE"}
-    assert command_stream(world) == command_stream(calm_flight(law))
+def test_a_false_frame_that_is_believed_costs_the_silence_of_its_message_at_most(law: str) -> None:
+    """Each of the believed may move a sequence, which is taken up again after 15 periods."""
+    for flight in met(law):
+        believed = flight.false / stated_rate() + 5.0  # more than 5 beside a mean of 0.5: 1e-6
+        assert flight.incomplete_sets <= believed * (SILENCE_PERIODS + 1)
+        assert flight.moved < 1e-4
 
 
-@pytest.mark.parametrize("seed", [4, 6])
-def test_a_false_frame_that_is_believed_costs_a_few_cycles(seed: int) -> None:
-    # One in 100,000 passes every gate: these two draws have one each.
-    calm = calm_flight("lqy").harness["truth"][0]
-    outcome, world, computer = flown_among("lqy", random_noise(calm_codec(), seed))
-    flown = world.harness["truth"][0]
-    assert outcome == END_CONDITION
-    assert 0 < computer.state["incomplete_sets"][0] <= 3
-    assert computer.state["fix_valid"][0] == 1
-    for name in ("heat_load_jpm2", "ground_range_m", "t_s"):
-        assert flown[name] == pytest.approx(calm[name], rel=1e-5)
-
-
-def calm_codec() -> np.ndarray:
-    """The codec that frames are protected with."""
-    return built("lqy").load["codec"]
+@pytest.mark.parametrize("law", FLOWN)
+def test_where_none_is_believed_every_false_frame_is_refused_and_counted(law: str) -> None:
+    untouched = [flight for flight in met(law) if not flight.is_touched]
+    assert len(untouched) >= len(SEEDS) // 4
+    for flight in untouched:
+        assert flight.accepted == NAV_FRAMES * flight.cycles + 1  # its own, and one request
+        assert sum(flight.refused.values()) == flight.false
+        assert set(flight.refused) == {
+            "REPEATED", "WRONG_SEQUENCE", "OUT_OF_RANGE", "IMPLAUSIBLE"
+        }  # fmt: skip

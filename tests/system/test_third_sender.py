@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
+from flight_sw.can.e2e import crc_ok
 from sim_harness.bus.hub import Hub
+from sim_harness.loop import COMPUTER_SILENT
 from sim_harness.telemetry.reader import open_recording
-from tests.system.flights import run_of
+from tests.system.flights import built, run_of
 from tests.system.paced import piece
 from tests.system.replays import replay
-from tests.system.third_sender import third_sender
+from tests.system.third_sender import DEADLY, false_frames, third_sender
 from tools.commands.fly import fly_and_record
 
 pytestmark = pytest.mark.jit_only
@@ -34,6 +36,36 @@ def bus(
         yield f"unix:{hub.path}", lambda: f"unix:{hub.path}"
 
 
+def test_time_messages_and_commands_have_right_checksums_where_they_may() -> None:
+    codec = built("lqy").load["codec"][0]
+    for is_deadly in (False, True):
+        frames = false_frames(4096, 1, is_deadly)
+        for name in DEADLY:
+            of_it = frames[(frames["can_id"] == icd.layout(name).can_id) & (frames["dlc"] == 8)]
+            right = [crc_ok(codec, icd.slot(name), frame["data"]) for frame in of_it]
+            assert len(right) > 50
+            assert (np.mean(right) > 0.9) == is_deadly
+            assert (np.mean(right) < 0.1) != is_deadly
+
+
+def test_a_flight_in_lockstep_that_false_commands_end_says_so_and_replays_to_there(
+    tmp_path: Path, bus: tuple[str, Callable[[], str]]
+) -> None:
+    """They move the harness's sequence: an answer is refused, and nothing is sent twice."""
+    plan, address = bus
+    with third_sender(address, 5, is_deadly=True):
+        run = run_of(piece(600.0), tmp_path / "a.load", plan)
+        failure = fly_and_record(run, tmp_path)
+    assert run.outcome == COMPUTER_SILENT
+    assert "flight computer silent" in run.outcome_text
+    assert failure != ""
+    recording = open_recording(tmp_path / "flight.mcap")
+    assert recording.outcome["outcome"] == run.outcome_text
+    found = replay(recording.path)
+    assert found.is_identical, found
+    assert 0 < found.cycles < 600.0 / 0.02
+
+
 @pytest.mark.parametrize(
     ("pace", "seconds", "seed"), [(0.0, 100.0, 1), (0.0, 100.0, 2), (1.0, 4.0, 3), (5.0, 10.0, 4)]
 )
@@ -41,9 +73,10 @@ def test_a_flight_among_false_frames_replays_to_the_bit(
     tmp_path: Path, bus: tuple[str, Callable[[], str]], pace: float, seconds: float, seed: int
 ) -> None:
     plan, address = bus
-    with third_sender(address, seed) as sender:
+    with third_sender(address, seed, is_deadly=pace > 0.0) as sender:
         run = run_of(piece(seconds), tmp_path / "a.load", plan, pace=pace)
-        fly_and_record(run, tmp_path)
+        assert fly_and_record(run, tmp_path) == ""
+    assert run.outcome_text == "time out"  # flown to the end of its piece
     recording = open_recording(tmp_path / "flight.mcap")
     found = replay(recording.path)
     assert found.is_identical, found
@@ -55,4 +88,4 @@ def test_a_flight_among_false_frames_replays_to_the_bit(
     strange = ~np.isin(recording.bus["frame"]["can_id"], list(HARNESS_IDS))
     assert strange.sum() > 200
     refused = sum(n for name, n in run.computer["verdicts"].items() if name not in ("OK", "LOST"))
-    assert refused > 20, "the computer heard next to nothing of it"  # lockstep is soon over
+    assert refused > 20, "the computer heard next to nothing of it"

@@ -22,11 +22,11 @@ BURST_S = 0.001
 DEADLY = ("NAV_TIME", "FSW_COMMAND", "FSW_STATUS")
 
 
-def false_frames(n: int, seed: int) -> Frames:
+def false_frames(n: int, seed: int, is_deadly: bool) -> Frames:
     """Frames of every message of the DBC and some strangers, many with a right checksum.
 
-    A time message, a command or a status that is believed would end a flight in lockstep: where
-    they are false, they look it.
+    A time message, a command or a status that is believed ends a flight in lockstep: they have a
+    right checksum where that is wanted, as is any flight against the clock, and else a wrong one.
     """
     rng = np.random.default_rng(seed)
     frames = np.zeros(n, FRAME)
@@ -38,7 +38,7 @@ def false_frames(n: int, seed: int) -> Frames:
         chance = rng.random()
         if chance < 0.5 or message.name in DEADLY:
             slot, counter = icd.slot(message.name), int(rng.integers(0, 16))
-            harm = np.uint64(message.name in DEADLY)  # one random word in 256 has it right
+            harm = np.uint64(message.name in DEADLY and not is_deadly)
             frame["data"] = protect(codec, slot, frame["data"], counter) ^ harm
         elif chance < 0.8:
             frame["can_id"] = int(rng.integers(0x600, 0x7FF))
@@ -50,8 +50,8 @@ def false_frames(n: int, seed: int) -> Frames:
 class ThirdSender:
     """Bursts of false frames on a bus, from the moment that there is one."""
 
-    def __init__(self, seed: int) -> None:
-        self.frames, self.sent = false_frames(4096, seed), 0
+    def __init__(self, seed: int, is_deadly: bool) -> None:
+        self.frames, self.sent = false_frames(4096, seed, is_deadly), 0
         self._rng = np.random.default_rng(seed)
 
     def talk(self, address: Callable[[], str], over: threading.Event) -> None:
@@ -76,9 +76,11 @@ class ThirdSender:
 
 
 @contextmanager
-def third_sender(address: Callable[[], str], seed: int) -> Iterator[ThirdSender]:
+def third_sender(
+    address: Callable[[], str], seed: int, *, is_deadly: bool
+) -> Iterator[ThirdSender]:
     """One that talks on a bus, as soon as there is one."""
-    over, sender = threading.Event(), ThirdSender(seed)
+    over, sender = threading.Event(), ThirdSender(seed, is_deadly)
     thread = threading.Thread(target=sender.talk, args=(address, over))
     thread.start()
     try:

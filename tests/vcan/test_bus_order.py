@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.vcan, pytest.mark.jit_only]
 def test_a_flight_among_false_frames_replays_to_the_bit(
     tmp_path: Path, pace: float, seconds: float
 ) -> None:
-    with third_sender(lambda: BUS, seed=7) as sender:
+    with third_sender(lambda: BUS, seed=7, is_deadly=False) as sender:
         run = run_of(piece(seconds), tmp_path / "a.load", BUS, pace=pace)
         assert fly_and_record(run, tmp_path) == ""
     found = replay(tmp_path / "flight.mcap")
