@@ -24,9 +24,9 @@ CANDIDATE = np.dtype(
         ("counter", "u4"),  # of the last one
         ("believed", "u4"),  # candidates that became the fix
         ("nav", NAV),  # the last one
-        ("reckoned_x", "f8"),  # unit vector reckoned from the first one on
-        ("reckoned_y", "f8"),
-        ("reckoned_z", "f8"),
+        ("cos_reckoned_x", "f8"),  # unit vector reckoned from the first one on
+        ("cos_reckoned_y", "f8"),
+        ("cos_reckoned_z", "f8"),
         ("reckoned_alt_m", "f8"),
         ("reckoned_v_rel_mps", "f8"),
     ],
@@ -108,9 +108,9 @@ def surprise(load: Record, state: Record, slot: int, values: F8) -> float:
 def _start_candidate(candidate: Record, values: F8) -> None:
     x, y, z = gate.unit_position(values[gate.LON], values[gate.LAT])
     candidate["agreeing"] = 1
-    candidate["reckoned_x"] = x
-    candidate["reckoned_y"] = y
-    candidate["reckoned_z"] = z
+    candidate["cos_reckoned_x"] = x
+    candidate["cos_reckoned_y"] = y
+    candidate["cos_reckoned_z"] = z
     candidate["reckoned_alt_m"] = values[gate.ALT]
     candidate["reckoned_v_rel_mps"] = values[gate.SPEED]
 
@@ -122,9 +122,9 @@ def _reckon(load: Record, state: Record, cycles: int) -> None:
     nav = candidate["nav"]
     span_s = cycles * load["dt_s"]
     dx, dy, dz = _along(nav, state["radius_m"], span_s)
-    candidate["reckoned_x"] += dx
-    candidate["reckoned_y"] += dy
-    candidate["reckoned_z"] += dz
+    candidate["cos_reckoned_x"] += dx
+    candidate["cos_reckoned_y"] += dy
+    candidate["cos_reckoned_z"] += dz
     candidate["reckoned_alt_m"] += (
         nav["v_rel_mps"] * math.sin(nav["flight_path_angle_rad"]) * span_s
     )
@@ -139,7 +139,7 @@ def _is_flown(load: Record, state: Record, values: F8) -> bool:
     frame_s = load["dt_s"]
     reach_mps = gates["accel_max_mps2"] * frame_s
     reach_m = gates["distance_margin_m"] + candidate["reckoned_v_rel_mps"] * frame_s
-    reckoned = (candidate["reckoned_x"], candidate["reckoned_y"], candidate["reckoned_z"])
+    reckoned = (candidate["cos_reckoned_x"], candidate["cos_reckoned_y"], candidate["cos_reckoned_z"])
     here = gate.unit_position(values[gate.LON], values[gate.LAT])
     reach_rad = reach_m / state["radius_m"]
     return (

@@ -73,7 +73,7 @@ def answered(call: Callable[[], T], within_s: float | None = None) -> T:
     try:
         value, error = done.get(timeout=limit_s)
     except queue.Empty:
-        raise LateError(f"the Rerun viewer did not answer within {limit_s:.2g} s") from None
+        raise LateError(f"the Rerun viewer did not answer within {limit_s:z.2g} s") from None
     if isinstance(error, TimeoutError):
         raise LateError(f"the Rerun viewer did not answer ({error})") from error
     if error is not None:
