@@ -43,8 +43,11 @@ def test_each_change_of_mode_is_logged_once(tmp_path: Path, step: int) -> None:
     ]
 
 
+NAMED = {"computer": 1, "harness": 1}
+
+
 def test_every_request_of_the_ground_is_an_event(tmp_path: Path) -> None:
-    rows = one_message("GROUND_REQUEST", [{"request": 1}, {"request": 1}, {"request": 2}])
+    rows = one_message("GROUND_REQUEST", [{"request": n, **NAMED} for n in (1, 1, 2)])
     assert log_of(tmp_path / "a.mcap", rows, 1) == [
         (0, INFO, "ground request ARM"),
         (1, INFO, "ground request ARM"),
