@@ -86,7 +86,7 @@ def test_no_figure_is_cut_however_narrow_the_terminal(capsys: pytest.CaptureFixt
     show(some, Console(width=40))
     shown = capsys.readouterr().out
     (line,) = [line for line in shown.splitlines() if quantity in line]
-    assert all(text in line for text in ("5,743.1", "5,741.2", "-0.0%", "within 2.5%", "yes"))
+    assert all(text in line for text in ("5,743.1", "5,741.2", "+0.0%", "within 2.5%", "yes"))
     assert "…" not in shown
 
 

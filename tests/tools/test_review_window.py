@@ -81,7 +81,7 @@ def test_the_plot_of_refusals_shows_no_frame_that_was_heard(
     counters = {path.rsplit("/", 1)[-1] for path in content if path.startswith("/bus/refused/")}
     assert counters == {
         "wrong_crc", "repeated", "wrong_sequence", "wrong_length", "out_of_range", "implausible",
-        "unknown_id", "incomplete_sets", "lost", "foreign",
+        "misdirected", "unknown_id", "incomplete_sets", "lost", "foreign",
     }  # fmt: skip
     assert layout["/bus/refused"]["ScalarAxis:range"][1] < 2.0  # none was refused
 
