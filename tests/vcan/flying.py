@@ -36,13 +36,15 @@ class Trigger:
 
     def __init__(self, action: Callable[[], Any], at_s: float = -1.0) -> None:
         self.action, self.at_s, self.done = action, at_s, False
+        self.awaits_computer = False
 
     def rows(self, bus: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> None:
         """Nothing is kept here."""
 
     def waiting(self, text: str) -> None:
-        """An empty text: the computer is ready."""
-        if not text and self.at_s < 0.0:
+        """An empty text after one of the flight computer: it is ready."""
+        self.awaits_computer |= text.startswith("flight computer")
+        if not text and self.awaits_computer and self.at_s < 0.0:
             self._call()
 
     def progress(self, run: FlightRun) -> None:
