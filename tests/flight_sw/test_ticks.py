@@ -21,6 +21,14 @@ CYCLES = 40  # enough for a clocked computer to leave its arrivals for its deadl
 SILENCE_S = 0.6
 FLOOD_INTERVAL_S = 0.0002
 FOREIGN_ID = 0x333
+HARNESS_NUMBER = 7
+
+
+def named_state() -> np.ndarray:
+    """The state of a computer that a harness has named: another answers nothing."""
+    state = new_state(LAW)
+    state["harness"] = HARNESS_NUMBER
+    return state
 
 
 class Served:
@@ -28,7 +36,7 @@ class Served:
 
     def __init__(self, synchronisation: str) -> None:
         self.flight = recorded(LAW, "entry", CYCLES)
-        self.state = new_state(LAW)
+        self.state = named_state()
         self.account = np.zeros(1, EXECUTIVE)
         self.account["synchronisation"] = SYNCHRONISATIONS.index(synchronisation)
         self.account["period_ns"] = PERIOD_NS
@@ -37,7 +45,7 @@ class Served:
         self.rx, self.tx = np.zeros(RX_CAPACITY, FRAME), np.zeros(TX_CAPACITY, FRAME)
         self.io = new_io(RX_CAPACITY)
         self.over = False
-        self.serve(new_state(LAW), self.account.copy(), 0)
+        self.serve(named_state(), self.account.copy(), 0)
         self.threads = [threading.Thread(target=part) for part in (self._run, self._drain)]
 
     def serve(self, state: np.ndarray, account: np.ndarray, slice_ns: int) -> int:
