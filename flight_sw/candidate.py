@@ -139,7 +139,11 @@ def _is_flown(load: Record, state: Record, values: F8) -> bool:
     frame_s = load["dt_s"]
     reach_mps = gates["accel_max_mps2"] * frame_s
     reach_m = gates["distance_margin_m"] + candidate["reckoned_v_rel_mps"] * frame_s
-    reckoned = (candidate["cos_reckoned_x"], candidate["cos_reckoned_y"], candidate["cos_reckoned_z"])
+    reckoned = (
+        candidate["cos_reckoned_x"],
+        candidate["cos_reckoned_y"],
+        candidate["cos_reckoned_z"],
+    )
     here = gate.unit_position(values[gate.LON], values[gate.LAT])
     reach_rad = reach_m / state["radius_m"]
     return (
