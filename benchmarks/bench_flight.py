@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from sim_harness.bus_flight import fly_bus
-from sim_harness.flight import FlightPlan, FlightRun, fly_memory
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
 from tools.overrides import Prepared, prepare
 
 ROUNDS = 5

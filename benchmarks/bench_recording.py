@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from sim_harness.flight import FlightPlan, FlightRun
+from sim_harness.flight.flight import FlightPlan, FlightRun
 from sim_harness.telemetry.records import RECORDING_NAME
 from tools.commands.fly import fly_and_record
 from tools.overrides import Prepared, prepare

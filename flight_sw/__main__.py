@@ -5,7 +5,7 @@ import math
 import sys
 from pathlib import Path
 
-from flight_sw import program
+from flight_sw.runtime import program
 
 PACE_LOW, PACE_HIGH = 0.01, 1000.0
 TIMEOUT_LOW_S = 1.0

@@ -22,10 +22,10 @@ from flight_sw.__main__ import SILENCE_TIMEOUT_S
 from flight_sw.announcer import ARMED, READY, Announcer
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
 from flight_sw.can.error_frames import account_of
-from flight_sw.can.receiver import LOST, OK, VERDICTS
+from flight_sw.reception.receiver import LOST, OK, VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
-from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.executive import (
     BUS_LOST,
@@ -35,13 +35,13 @@ from flight_sw.executive import (
     SYNCHRONISATIONS,
     serve,
 )
-from flight_sw.histogram import filled_bins_us, percentiles_us
-from flight_sw.identity import SOURCES, draw_number, name_of
-from flight_sw.kernel_cache import on_compiling
+from flight_sw.runtime.histogram import filled_bins_us, percentiles_us
+from flight_sw.runtime.identity import SOURCES, draw_number, name_of
+from flight_sw.runtime.kernel_cache import on_compiling
 from flight_sw.load_image import activate, read_image
-from flight_sw.privileges import lock_memory, punctual_processor, take_priority
-from flight_sw.scheduling import run_in_bursts
-from flight_sw.streams import say, tell
+from flight_sw.runtime.privileges import lock_memory, punctual_processor, take_priority
+from flight_sw.runtime.scheduling import run_in_bursts
+from flight_sw.runtime.streams import say, tell
 
 SLICE_NS = 100_000_000  # between two looks at signals
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002

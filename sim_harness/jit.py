@@ -2,6 +2,6 @@
 
 from pathlib import Path
 
-from flight_sw.jit import FLIGHT_ROOT, kernel_decorator
+from flight_sw.runtime.jit import FLIGHT_ROOT, kernel_decorator
 
 kernel = kernel_decorator(FLIGHT_ROOT, Path(__file__).parent)

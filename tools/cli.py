@@ -58,7 +58,7 @@ def leave_out_working_folder() -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit status; a refusal is one sentence on stderr."""
     leave_out_working_folder()
-    from flight_sw import program
+    from flight_sw.runtime import program
 
     signal.signal(signal.SIGTERM, _end)
 

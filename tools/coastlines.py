@@ -12,8 +12,8 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
-from flight_sw import program
-from flight_sw.streams import say, tell
+from flight_sw.runtime import program
+from flight_sw.runtime.streams import say, tell
 
 OUT = Path(__file__).parent / "review" / "coastlines.txt"
 STEPS_PER_DEG = 100

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError
-from flight_sw.histogram import percentiles_us
+from flight_sw.runtime.histogram import percentiles_us
 from sim_harness.bus.hub import Hub
-from sim_harness.bus_flight import fly_bus
-from sim_harness.computer_process import own_environment, own_module
-from sim_harness.flight import FlightPlan, FlightRun, fly_memory
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.computer_process import own_environment, own_module
+from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
 from sim_harness.world.records import TIME_OUT
 from tools.can_interface import exists, is_up
 from tools.overrides import Prepared, prepare

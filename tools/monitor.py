@@ -8,7 +8,7 @@ from rich.live import Live
 from rich.table import Table
 
 from flight_sw import icd
-from flight_sw.streams import is_heard
+from flight_sw.runtime.streams import is_heard
 from sim_harness.bus.load_model import BusLoad
 from sim_harness.bus.traffic import Heard, Traffic, listen
 from tools.console import result_console

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import read_image
-from sim_harness.documents import read_toml, short
-from sim_harness.mission import (
+from sim_harness.mission.documents import read_toml, short
+from sim_harness.mission.mission import (
     SHIPPED,
     Mission,
     apply,
@@ -24,8 +24,8 @@ from sim_harness.mission import (
     resolve,
     value_of,
 )
-from sim_harness.mission_errors import nearest
-from sim_harness.quantities import plain
+from sim_harness.mission.errors import nearest
+from sim_harness.mission.quantities import plain
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
 from tools.gains.schema import Design, laws_of, read_tree
 

@@ -9,11 +9,11 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from flight_sw.modes import MODES
-from flight_sw.streams import is_watched, say
-from sim_harness.flight import FlightRun
-from sim_harness.mission import Mission
-from sim_harness.pacing import pace_so_far
-from sim_harness.slip_watch import slips_so_far
+from flight_sw.runtime.streams import is_watched, say
+from sim_harness.flight.flight import FlightRun
+from sim_harness.mission.mission import Mission
+from sim_harness.flight.pacing import pace_so_far
+from sim_harness.flight.slip_watch import slips_so_far
 from tools.console import progress_console
 from tools.published import published
 

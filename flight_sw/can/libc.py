@@ -18,7 +18,7 @@ from numba.core import cgutils as llvm_tools
 from numba.core import config as compiler
 from numba.extending import intrinsic
 
-from flight_sw.jit import kernel
+from flight_sw.runtime.jit import kernel
 
 cgutils: Any = llvm_tools  # neither has type annotations
 config: Any = compiler

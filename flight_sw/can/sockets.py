@@ -30,9 +30,9 @@ from flight_sw.can.libc import (
     sendmmsg,
     sleep_until_ns,
 )
-from flight_sw.dictionary import FRAME
-from flight_sw.jit import kernel
-from flight_sw.types_ import Frames, Record
+from flight_sw.records.dictionary import FRAME
+from flight_sw.runtime.jit import kernel
+from flight_sw.records.types_ import Frames, Record
 
 BUS_LOST = -1
 BUS_DOWN = -2  # the interface is down: it may come back, and the socket with it

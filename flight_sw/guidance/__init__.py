@@ -12,16 +12,14 @@ from typing import Any
 from numba.extending import overload
 
 from flight_sw.errors import LoadError
-from flight_sw.guidance import (
-    drag_observer,
-    drag_state,
-    integrated,
-    lqy,
-    nominal,
-    range_predictor,
-    sag,
-)
-from flight_sw.types_ import Record
+from flight_sw.guidance.drag import by_observer as drag_observer
+from flight_sw.guidance.drag import by_state as drag_state
+from flight_sw.guidance.heat_flux import integrated
+from flight_sw.guidance.heat_flux import lqy
+from flight_sw.guidance.heat_flux import nominal
+from flight_sw.guidance.drag import range_predictor
+from flight_sw.guidance.heat_flux import sag
+from flight_sw.records.types_ import Record
 
 LAWS: dict[str, ModuleType] = {
     "nominal": nominal,

@@ -21,8 +21,8 @@ import numpy as np
 
 from flight_sw.can.address import IS_ANOTHERS, IS_FULL, UNIX_PATH_MAX_BYTES, greeting
 from flight_sw.errors import BusError
-from flight_sw.privileges import punctual_processor, take_priority
-from sim_harness.bus.ear import Ear, hub_ear
+from flight_sw.runtime.privileges import punctual_processor, take_priority
+from sim_harness.bus.bus_listener import Ear, hub_ear
 from sim_harness.bus.pump import (
     ACCEPT,
     CLIENTS_MAX,

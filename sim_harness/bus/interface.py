@@ -13,7 +13,7 @@ from typing import Any
 import can
 
 from flight_sw.can.address import open_bus
-from flight_sw.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
 
 CAN_FRAME = struct.Struct("<IB3x8s")  # struct can_frame

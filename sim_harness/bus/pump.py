@@ -25,9 +25,9 @@ from flight_sw.can.sockets import (
     receive_now,
     send_now,
 )
-from flight_sw.dictionary import FRAME
-from flight_sw.types_ import Frames, Record
-from sim_harness.bus.tap import RING_FRAMES, TAP, keep
+from flight_sw.records.dictionary import FRAME
+from flight_sw.records.types_ import Frames, Record
+from sim_harness.bus.hub_log import RING_FRAMES, TAP, keep
 from sim_harness.jit import kernel
 
 CLIENTS_MAX = 32

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.e2e import counter_of
-from flight_sw.can.receiver import HEARD_MODULUS, slot_of
+from flight_sw.reception.receiver import HEARD_MODULUS, slot_of
 from flight_sw.computer import (
     COMMAND,
     COUNTER_MODULUS,
@@ -21,10 +21,10 @@ from flight_sw.computer import (
     seal_of,
     step,
 )
-from flight_sw.dictionary import FRAME, TX_CAPACITY
+from flight_sw.records.dictionary import FRAME, TX_CAPACITY
 from flight_sw.executive import COUNT_MAX
-from flight_sw.reception import receive
-from flight_sw.types_ import Frames, Record
+from flight_sw.reception.navigation_set import receive
+from flight_sw.records.types_ import Frames, Record
 from sim_harness.jit import kernel
 
 I8 = npt.NDArray[np.int64]

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from google.protobuf.message import DecodeError
 
 from flight_sw import icd
-from flight_sw.echo import echoed
+from flight_sw.runtime.echo import echoed
 from flight_sw.errors import IcdError, RecordingError
-from sim_harness.journal import Kept, read_journal
+from sim_harness.telemetry.journal import Kept, read_journal
 from sim_harness.telemetry import scan
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.events import Events

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flight_sw.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME
 
 RECORDING_NAME = "flight.mcap"  # in the folder of a flight
 

@@ -19,7 +19,7 @@ from google.protobuf.descriptor_pb2 import (
 )
 from google.protobuf.message import DecodeError
 
-from flight_sw.echo import echoed, is_plain_name
+from flight_sw.runtime.echo import echoed, is_plain_name
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message, Signal
 

@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata
 from mcap.records import Schema as SchemaRecord
 
-from flight_sw.echo import echoed
+from flight_sw.runtime.echo import echoed
 from flight_sw.errors import RecordingError
 from sim_harness.telemetry import scan
 from sim_harness.telemetry.container import COMPRESSION, MAGIC

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.types_ import U8
+from flight_sw.records.types_ import U8
 from sim_harness.jit import kernel
 from sim_harness.telemetry.schema import BYTES, DOUBLE, FIXED64, VARINT, Layout, tag, varint
 

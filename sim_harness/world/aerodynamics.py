@@ -5,8 +5,8 @@ Limits: tables are bilinear in angle of attack and Mach and hold their edge valu
 
 import math
 
-from flight_sw.tables import bracket
-from flight_sw.types_ import F8, Record
+from flight_sw.model.tables import bracket
+from flight_sw.records.types_ import F8, Record
 from sim_harness.jit import kernel
 from sim_harness.world.records import AERO_CONSTANT, AERO_NEWTONIAN
 

@@ -1,7 +1,7 @@
 """The air as it is: the mission's atmosphere times a disturbance, and the wind.
 
 Logarithm of the density's disturbance and both winds are piecewise cubics over equal cells of
-altitude, filled by sim_harness/profiles.py. Without a disturbance or a wind nothing is looked up.
+altitude, filled by sim_harness/world/profiles.py. Without a disturbance or a wind nothing is looked up.
 
 Limits: no vertical wind; the disturbances depend on altitude alone and hold their ends outside
 their cells.
@@ -9,8 +9,8 @@ their cells.
 
 import math
 
-from flight_sw.atmosphere import density, sound_speed
-from flight_sw.types_ import F8, Record
+from flight_sw.model.atmosphere import density, sound_speed
+from flight_sw.records.types_ import F8, Record
 from sim_harness.jit import kernel
 from sim_harness.world.aerodynamics import true_areas
 from sim_harness.world.heating import heat_flux

@@ -6,8 +6,8 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flight_sw.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
-from flight_sw.types_ import F8
+from flight_sw.model.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
+from flight_sw.records.types_ import F8
 from sim_harness.world import us76
 
 EXPONENTIAL_LOWEST_M = -10_000.0

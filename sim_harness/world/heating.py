@@ -6,7 +6,7 @@ and k_Q sqrt(rho) V^3.15: the constants are folded into one factor on the ground
 
 import math
 
-from flight_sw.types_ import Record
+from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 
 

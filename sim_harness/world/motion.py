@@ -14,7 +14,7 @@ frame's step cannot follow the heading past a pole it misses by less than about 
 
 import math
 
-from flight_sw.types_ import Record
+from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.world.air import air_loads
 from sim_harness.world.planet.gravity import gravity

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flight_sw.atmosphere import ATMOSPHERE
-from flight_sw.great_circle import WAY
+from flight_sw.model.atmosphere import ATMOSPHERE
+from flight_sw.model.great_circle import WAY
 
 AERO_TABLE_MAX = 12  # rows (angle of attack) and columns (Mach)
 

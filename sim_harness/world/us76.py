@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
-from flight_sw.types_ import F8
+from flight_sw.records.types_ import F8
 
 EARTH_RADIUS_M = 6_356_766.0  # [US76], of the geopotential
 G0_MPS2 = 9.80665

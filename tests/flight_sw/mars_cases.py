@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from flight_sw.dictionary import GUIDANCE, NAV
+from flight_sw.records.dictionary import GUIDANCE, NAV
 from flight_sw.guidance import law_module, law_step
 from flight_sw.load_image import parse_image
 from tests.system.flights import ROOT

@@ -18,7 +18,7 @@ from flight_sw.can.codec import (
     unpack,
 )
 from flight_sw.can.e2e import protect
-from flight_sw.jit import kernel
+from flight_sw.runtime.jit import kernel
 from tests.flight_sw.bus_twin import (
     DATABASE,
     decoded,

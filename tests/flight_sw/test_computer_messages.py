@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.dictionary import FRAME, RX_CAPACITY, TICK_ID
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID
 from tests.system.flights import (
     Computer,
     Frames,

@@ -9,7 +9,7 @@ from cantools.autosar.end_to_end import apply_profile2_crc, check_profile2_crc
 from flight_sw import icd
 from flight_sw.can.codec import build_codec
 from flight_sw.can.e2e import counter_of, crc_ok, protect
-from flight_sw.jit import kernel
+from flight_sw.runtime.jit import kernel
 from tests.flight_sw.bus_twin import crc8, word_of
 
 CODEC_ARRAY = build_codec()

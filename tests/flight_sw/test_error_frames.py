@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flight_sw.can.error_frames import ERRORS, NO_ERRORS, account_of, note_error
-from sim_harness.error_watch import ErrorWatch
+from sim_harness.flight.error_watch import ErrorWatch
 
 FLAG = 0x20000000
 NO_DATA = bytes(8)

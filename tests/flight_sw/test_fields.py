@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flight_sw.errors import LoadError
-from flight_sw.fields import UNBOUNDED, Field, RecordSpec
+from flight_sw.records.fields import UNBOUNDED, Field, RecordSpec
 
 INNER = RecordSpec("inner", Field("gain", -1.0, 1.0))
 SPEC = RecordSpec(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flight_sw.histogram import (
+from flight_sw.runtime.histogram import (
     BINS,
     FRACTIONS,
     HISTOGRAM,

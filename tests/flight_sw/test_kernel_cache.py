@@ -8,15 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from flight_sw import jit, kernel_cache
-from flight_sw.kernel_cache import FOLDERS_KEPT, MARK, KernelFolder
+from flight_sw.runtime import jit
+from flight_sw.runtime import kernel_cache
+from flight_sw.runtime.kernel_cache import FOLDERS_KEPT, MARK, KernelFolder
 
 SAVERS, KEYS = 4, 40
 
 SAVE = """
 import sys
 from pathlib import Path
-from flight_sw.kernel_cache import KernelFolder
+from flight_sw.runtime.kernel_cache import KernelFolder
 folder, saver, keys = sys.argv[1:]
 for i in range(int(keys)):
     KernelFolder(Path(folder)).save(f"{i}.kernel", f"{i} ".encode() * 1000)
@@ -61,7 +62,7 @@ def laws(tmp_path: Path) -> Path:
     package = tmp_path / "sources" / "laws"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
-    decorator = "from pathlib import Path\nfrom flight_sw.jit import kernel_decorator\n"
+    decorator = "from pathlib import Path\nfrom flight_sw.runtime.jit import kernel_decorator\n"
     (package / "jit.py").write_text(
         f"{decorator}kernel = kernel_decorator(Path(__file__).parent)\n"
     )
@@ -206,7 +207,7 @@ def test_importing_the_kernels_makes_no_folder_and_deletes_none(tmp_path: Path) 
     missing = tmp_path / "none"
     for cache in (tmp_path, missing):
         subprocess.run(
-            [sys.executable, "-c", "import flight_sw.jit, sim_harness.jit"], check=True,
+            [sys.executable, "-c", "import flight_sw.runtime.jit, sim_harness.jit"], check=True,
             env={**os.environ, jit.CACHE_VARIABLE: str(cache)}, cwd=jit.FLIGHT_ROOT.parent,
         )  # fmt: skip
     assert sorted(tmp_path.iterdir()) == sorted(own)

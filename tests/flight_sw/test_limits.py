@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flight_sw import limits, status
+from flight_sw import limits
+from flight_sw.records import status
 from flight_sw.errors import LoadError
 from flight_sw.limits import AXIS_LIMITS, LIMITER, UNLIMITED, limit, stoppable_rate
 

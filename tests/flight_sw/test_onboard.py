@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from flight_sw.onboard import (
+from flight_sw.model.onboard import (
     ALPHA_ROWS,
     FORCES,
     MACH_ROWS,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.can import receiver
+from flight_sw.reception import receiver
 from flight_sw.can.codec import build_codec
-from flight_sw.can.receiver import (
+from flight_sw.reception.receiver import (
     FOREIGN,
     IMPLAUSIBLE,
     LOST,
@@ -28,7 +28,7 @@ from flight_sw.can.receiver import (
     report_counters,
     sequence_verdict,
 )
-from flight_sw.dictionary import FRAME, TICK_ID
+from flight_sw.records.dictionary import FRAME, TICK_ID
 from tests.flight_sw.bus_twin import DATABASE, crc8, frame_bytes, word_of
 
 CODEC_ARRAY = build_codec()

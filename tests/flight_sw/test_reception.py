@@ -8,8 +8,8 @@ import pytest
 from flight_sw import icd
 from flight_sw.can.codec import pack, unpack
 from flight_sw.can.e2e import counter_of, protect
-from flight_sw.candidate import GAP_MAX_CYCLES
-from flight_sw.dictionary import FRAME, TICK_ID
+from flight_sw.reception.candidate import GAP_MAX_CYCLES
+from flight_sw.records.dictionary import FRAME, TICK_ID
 from tests.system.flights import NAV_FRAMES, Computer, Frames, Recorded, commands, recorded
 
 CYCLES = 120

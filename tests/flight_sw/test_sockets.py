@@ -19,9 +19,9 @@ from flight_sw.can import sockets
 from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
 from flight_sw.can.libc import MMSGHDR, monotonic_ns, sleep_until_ns
-from flight_sw.can.receiver import RX_STATE, judge
+from flight_sw.reception.receiver import RX_STATE, judge
 from flight_sw.can.sockets import BUS_LOST, new_io, recv_frames, send_frames
-from flight_sw.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.icd import N_VALUES
 
@@ -315,7 +315,7 @@ def test_another_process_finds_the_kernels_compiled(tmp_path: Path) -> None:
     program = (
         "import socket, numpy as np\n"
         "from flight_sw.can import sockets\n"
-        "from flight_sw.dictionary import FRAME\n"
+        "from flight_sw.records.dictionary import FRAME\n"
         "a, b = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)\n"
         "io, frames = sockets.new_io(), np.zeros(4, FRAME)\n"
         "print(sockets.send_frames(a.fileno(), io[0], frames, 4), end=' ')\n"

@@ -21,7 +21,7 @@ from numba.core import config
 
 from flight_sw.can import sockets
 from flight_sw.can.sockets import BUS_DOWN, BUS_LOST, new_io, recv_frames, send_frames
-from flight_sw.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME
 
 N = 100
 Send = Callable[..., int]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flight_sw.tables import between, bracket, place
+from flight_sw.model.tables import between, bracket, place
 
 GRID = np.array([-2.0, 0.0, 0.5, 3.0, 10.0])
 COLUMN = np.array([4.0, -1.0, 7.0, 7.5, -3.0])

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from flight_sw.fields import RecordSpec
+from flight_sw.records.fields import RecordSpec
 from flight_sw.load_image import HEADER, body_spec, parse_image
-from sim_harness.dispersions import draw, fixed
-from sim_harness.documents import json_of
-from sim_harness.flight import ARM, FlightPlan, FlightRun, hand_over, memory_loop
-from sim_harness.mission import GAINS, SHIPPED, Mission, load_mission
+from sim_harness.mission.dispersions import draw, fixed
+from sim_harness.mission.documents import json_of
+from sim_harness.flight.flight import ARM, FlightPlan, FlightRun, hand_over, memory_loop
+from sim_harness.mission.mission import GAINS, SHIPPED, Mission, load_mission
 from tests.fuzz.children import Kind
 from tests.fuzz.mutate import mutated
 from tests.fuzz.trees import by_structure_or_bytes, toml_bytes
 from tests.tools.made_campaigns import make
-from tools.campaign.again import again
+from tools.campaign.refly import again
 from tools.campaign.folder import read_manifest
 from tools.campaign.job import job_of
 from tools.campaign.plan import check_extremes, present_values, with_full_names

@@ -17,7 +17,7 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.load_image import LoadImage
-from sim_harness.flight import FlightRun
+from sim_harness.flight.flight import FlightRun
 from sim_harness.replay.replayer import Replayer
 from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import built, run_of

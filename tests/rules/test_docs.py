@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flight_sw import dictionary
+from flight_sw.records import dictionary
 from sim_harness.world.records import FLYING, OUTCOMES, PHYSICAL_ENDS
 from tests.rules.sources import ROOT, name_of, python_files
 

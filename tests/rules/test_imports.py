@@ -49,7 +49,7 @@ def test_imports_go_one_way(path: Path) -> None:
 @pytest.mark.parametrize(
     "source",
     [
-        "import sim_harness.vehicle",
+        "import sim_harness.world.vehicle",
         "from sim_harness.world import planet",
         "def f():\n    import sim_harness",
         "import importlib\nimportlib.import_module('sim_harness.bus')",

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from sim_harness import vehicle
+from sim_harness.world import vehicle
 from sim_harness.jit import kernel
-from sim_harness.mission import Mission
+from sim_harness.mission.mission import Mission
 
 EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3PS2 = 3.986004418e14

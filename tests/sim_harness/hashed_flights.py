@@ -6,8 +6,8 @@ import sys
 import numpy as np
 
 from flight_sw.icd import N_VALUES
-from sim_harness import vehicle
-from sim_harness.navigation import NAV_STATE, measure
+from sim_harness.world import vehicle
+from sim_harness.world.navigation import NAV_STATE, measure
 from tests.sim_harness.flights import plain_mission
 from tests.sim_harness.test_aerodynamics import ALPHAS, DRAG, LIFT, MACHS
 

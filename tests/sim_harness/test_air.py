@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from flight_sw.errors import MissionError
-from sim_harness import noise, profiles
-from sim_harness.mission import load_mission
+from sim_harness.world import noise
+from sim_harness.world import profiles
+from sim_harness.mission.mission import load_mission
 from sim_harness.world.air import cubic, place, true_density, wind
 from tests.conftest import UNCOMPILED
 from tests.sim_harness.cartesian_twin import Twin, planet_fixed

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from flight_sw.atmosphere import ATMOSPHERE, density, sound_speed
+from flight_sw.model.atmosphere import ATMOSPHERE, density, sound_speed
 from sim_harness.world import atmosphere, us76
 
 US76 = atmosphere.us_standard_1976()[0]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from flight_sw.atmosphere import density
+from flight_sw.model.atmosphere import density
 from flight_sw.errors import AeroshellError, DesignError, MissionError
-from sim_harness import documents
-from sim_harness.documents import (
+from sim_harness.mission import documents
+from sim_harness.mission.documents import (
     DEPTH_MAX,
     DocumentError,
     json_of,
@@ -17,7 +17,7 @@ from sim_harness.documents import (
     short,
     toml_of,
 )
-from sim_harness.mission import SHIPPED, find, load_mission
+from sim_harness.mission.mission import SHIPPED, find, load_mission
 from tools.cli import main
 from tools.gains.schema import read_tree
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_harness.metrics import METRICS, judge_frame
-from sim_harness.port import PORT
-from sim_harness.summary import bank_step_rms_deg
+from sim_harness.flight.metrics import METRICS, judge_frame
+from sim_harness.flight.port import PORT
+from sim_harness.flight.summary import bank_step_rms_deg
 from sim_harness.world.records import TRUTH
 
 DT_S = 0.5

@@ -6,10 +6,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from flight_sw.atmosphere import density
+from flight_sw.model.atmosphere import density
 from flight_sw.errors import MissionError
-from sim_harness import mission_reference
-from sim_harness.mission import SHIPPED, Mission, list_missions, load_mission
+from sim_harness.mission import reference as mission_reference
+from sim_harness.mission.mission import SHIPPED, Mission, list_missions, load_mission
 from sim_harness.world.records import OUTCOMES
 from tests.sim_harness.flights import fly
 

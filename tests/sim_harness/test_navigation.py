@@ -8,12 +8,12 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.errors import FlightError, MissionError
-from sim_harness import navigation
-from sim_harness.flight import refuse_beyond_the_bus
+from sim_harness.world import navigation
+from sim_harness.flight.flight import refuse_beyond_the_bus
 from sim_harness.jit import kernel
-from sim_harness.mission import load_mission
-from sim_harness.navigation import NAV_STATE, WHOLE_SET, measure, report_truth
-from sim_harness.navigation_watch import NavigationWatch, held_values
+from sim_harness.mission.mission import load_mission
+from sim_harness.world.navigation import NAV_STATE, WHOLE_SET, measure, report_truth
+from sim_harness.flight.navigation_watch import NavigationWatch, held_values
 from tests.conftest import UNCOMPILED
 from tests.sim_harness.flights import EARTH_RADIUS_M, plain_mission
 

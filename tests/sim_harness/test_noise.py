@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim_harness import noise
+from sim_harness.world import noise
 from sim_harness.jit import kernel
-from sim_harness.noise import gaussians, philox, uniforms
+from sim_harness.world.noise import gaussians, philox, uniforms
 from tests.conftest import UNCOMPILED
 
 SAMPLES = 4_000 if UNCOMPILED else 200_000

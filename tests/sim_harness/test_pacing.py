@@ -10,10 +10,10 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.can.sockets import new_io
-from flight_sw.dictionary import FRAME, RX_CAPACITY
-from sim_harness.bus.ear import no_ear
-from sim_harness.loop import COMPUTER_SILENT, Wire
-from sim_harness.pacing import fly_in_real_time
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY
+from sim_harness.bus.bus_listener import no_ear
+from sim_harness.flight.loop import COMPUTER_SILENT, Wire
+from sim_harness.flight.pacing import fly_in_real_time
 from sim_harness.world.records import FLYING
 from tests.system.flights import built, run_of
 

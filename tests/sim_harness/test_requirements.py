@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sim_harness.dispersion_keys import Requirement
-from sim_harness.requirements import (
+from sim_harness.mission.dispersion_keys import Requirement
+from sim_harness.mission.requirements import (
     as_dict,
     best_probability,
     failures_allowed,

@@ -8,10 +8,10 @@ import pytest
 from flight_sw.announcer import ARMED, COMPILING, READY
 from flight_sw.can.plain import plain_frame
 from flight_sw.errors import FlightError
-from flight_sw.identity import SOURCES
-from sim_harness import roles
-from sim_harness.port import FLYING_HERE, WAITING
-from sim_harness.roles import Company
+from flight_sw.runtime.identity import SOURCES
+from sim_harness.flight import roles
+from sim_harness.flight.port import FLYING_HERE, WAITING
+from sim_harness.flight.roles import Company
 
 OURS, LOAD = 0x50000, 0xDEADBEEF
 LAW = 1

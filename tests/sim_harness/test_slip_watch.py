@@ -2,7 +2,7 @@
 
 import itertools
 
-from sim_harness.slip_watch import SILENCE_MAX_S, Slips, SlipWatch
+from sim_harness.flight.slip_watch import SILENCE_MAX_S, Slips, SlipWatch
 
 STEP_S = 0.05
 

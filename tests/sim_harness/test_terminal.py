@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from sim_harness.metrics import METRICS, judge_frame
-from sim_harness.mission import load_mission
-from sim_harness.port import PORT
-from sim_harness.terminal import (
+from sim_harness.flight.metrics import METRICS, judge_frame
+from sim_harness.mission.mission import load_mission
+from sim_harness.flight.port import PORT
+from sim_harness.flight.terminal import (
     direction,
     end_trigger,
     ranges_rad,
@@ -17,7 +17,7 @@ from sim_harness.terminal import (
     terminal_errors,
     told,
 )
-from sim_harness.vehicle import hold
+from sim_harness.world.vehicle import hold
 from sim_harness.world.records import END_CONDITION, TIME_OUT, TRUTH
 from tests.sim_harness.flights import fly, plain_mission
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from sim_harness import vehicle
-from sim_harness.mission import load_mission
-from sim_harness.navigation import NAV_STATE, measure
+from sim_harness.world import vehicle
+from sim_harness.mission.mission import load_mission
+from sim_harness.world.navigation import NAV_STATE, measure
 from sim_harness.world import records
 from tests.sim_harness.flights import flown, fly, plain_mission, run, traced
 

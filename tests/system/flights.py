@@ -15,16 +15,16 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.computer import new_state
-from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
-from flight_sw.histogram import HISTOGRAM
-from flight_sw.identity import ALONE
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.runtime.histogram import HISTOGRAM
+from flight_sw.runtime.identity import ALONE
 from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
-from flight_sw.requests import ARM
-from sim_harness.flight import FlightPlan, FlightRun, fly_memory, hand_over
-from sim_harness.logs import BUS, TRUTHS, Logs
-from sim_harness.loop import HARNESS, fly_in_memory
-from sim_harness.mission import Mission, load_mission
-from sim_harness.port import FLYING_HERE, put_presence, put_request
+from flight_sw.reception.requests import ARM
+from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory, hand_over
+from sim_harness.flight.logs import BUS, TRUTHS, Logs
+from sim_harness.flight.loop import HARNESS, fly_in_memory
+from sim_harness.mission.mission import Mission, load_mission
+from sim_harness.flight.port import FLYING_HERE, put_presence, put_request
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.records import TRUTH
 from tools.gains.body import fill_body
@@ -164,7 +164,7 @@ class Computer:
     @property
     def counted(self) -> dict[str, int]:
         """Verdicts on frames so far that are not zero."""
-        from sim_harness.flight import verdicts
+        from sim_harness.flight.flight import verdicts
 
         return {k: n for k, n in verdicts(self.state["rx"]["counted"][0]).items() if n}
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_harness.bus_flight import fly_bus
-from sim_harness.flight import FlightRun, fly_memory
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.flight import FlightRun, fly_memory
 from sim_harness.replay.replayer import Replayer
 from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import (

@@ -11,9 +11,9 @@ import pytest
 from flight_sw.can.address import open_bus
 from sim_harness.bus.hub import Hub
 from sim_harness.bus.traffic import CAN_FRAME
-from sim_harness.bus_flight import fly_bus
-from sim_harness.flight import FlightPlan, FlightRun
-from sim_harness.summary import summary_of
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.flight import FlightPlan, FlightRun
+from sim_harness.flight.summary import summary_of
 from tools.overrides import prepare
 from tools.show import ProgressLine
 

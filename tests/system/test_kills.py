@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_harness.flight import fly_memory
-from sim_harness.journal import journal_path
-from sim_harness.loop import HARNESS
+from sim_harness.flight.flight import fly_memory
+from sim_harness.telemetry.journal import journal_path
+from sim_harness.flight.loop import HARNESS
 from sim_harness.replay.replayer import Replayer
 from sim_harness.telemetry.reader import Recording, open_recording
 from tests.system.flights import ROOT, run_of
@@ -47,9 +47,9 @@ FLIER = """
 import json, mmap, resource, sys
 from pathlib import Path
 import numpy as np
-from sim_harness.flight import FlightPlan, FlightRun
-from sim_harness.loop import HARNESS
-from sim_harness.mission import load_mission
+from sim_harness.flight.flight import FlightPlan, FlightRun
+from sim_harness.flight.loop import HARNESS
+from sim_harness.mission.mission import load_mission
 from tools.commands.fly import fly_and_record
 folder, plan, bytes_max = Path(sys.argv[1]), json.loads(sys.argv[2]), int(sys.argv[3])
 load = Path("gains/hyperion-1/lqy.load")

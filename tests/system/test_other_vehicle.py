@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_harness.bus_flight import fly_bus
-from sim_harness.flight import FlightPlan, FlightRun, fly_memory
-from sim_harness.logs import COMMANDS
-from sim_harness.mission import load_mission
-from sim_harness.summary import summary_of
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
+from sim_harness.flight.logs import COMMANDS
+from sim_harness.mission.mission import load_mission
+from sim_harness.flight.summary import summary_of
 from tests.system.flights import Built, Computer, World
 from tools.gains.image import design_path, make_all, write
 

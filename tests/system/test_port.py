@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.dictionary import FRAME, RX_CAPACITY
-from sim_harness.navigation import LAT, LON, NAV_STATE, V_REL, measure
-from sim_harness.port import new_port, put_navigation, take
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY
+from sim_harness.world.navigation import LAT, LON, NAV_STATE, V_REL, measure
+from sim_harness.flight.port import new_port, put_navigation, take
 from tests.system.flights import (
     NAV_FRAMES,
     Frames,

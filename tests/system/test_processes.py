@@ -15,11 +15,11 @@ import pytest
 
 from flight_sw import modes
 from flight_sw.errors import AeroshellError, FlightError
-from sim_harness import bus_flight
+from sim_harness.flight import bus_flight
 from sim_harness.bus.hub import Hub
-from sim_harness.bus_flight import BusFlight, fly_bus
-from sim_harness.computer_process import ComputerProcess
-from sim_harness.flight import FlightRun
+from sim_harness.flight.bus_flight import BusFlight, fly_bus
+from sim_harness.flight.computer_process import ComputerProcess
+from sim_harness.flight.flight import FlightRun
 from tests.system.flights import ROOT, built, run_of
 from tests.system.paced import piece
 
@@ -231,7 +231,7 @@ HARNESS = """
 import sys, time
 from contextlib import ExitStack
 from pathlib import Path
-from sim_harness.bus_flight import BusFlight
+from sim_harness.flight.bus_flight import BusFlight
 from tests.system.flights import built, run_of
 from tests.system.test_processes import Saboteur
 run = run_of(built("lqy"), Path(sys.argv[1]), "unix", recorded=False)

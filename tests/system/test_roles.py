@@ -12,13 +12,13 @@ from flight_sw.announcer import READY
 from flight_sw.can.address import open_bus
 from flight_sw.can.plain import plain_frame, read_plain
 from flight_sw.errors import FlightError
-from flight_sw.identity import SOURCES, name_of
-from sim_harness import roles
+from flight_sw.runtime.identity import SOURCES, name_of
+from sim_harness.flight import roles
 from sim_harness.bus.hub import Hub
-from sim_harness.bus_flight import fly_bus
-from sim_harness.computer_process import ComputerProcess
-from sim_harness.flight import FlightRun
-from sim_harness.summary import summary_of
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.computer_process import ComputerProcess
+from sim_harness.flight.flight import FlightRun
+from sim_harness.flight.summary import summary_of
 from tests.system.flights import built, run_of
 from tests.system.paced import piece
 from tests.system.test_processes import Saboteur, own_hub_run, wait_gone

@@ -10,12 +10,12 @@ import pytest
 from flight_sw import executive
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
-from flight_sw.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.executive import EXECUTIVE, RUNNING, SYNCHRONISATIONS
-from flight_sw.requests import ARM
-from sim_harness import pacing
-from sim_harness.bus.ear import no_ear
-from sim_harness.loop import Wire
+from flight_sw.reception.requests import ARM
+from sim_harness.flight import pacing
+from sim_harness.bus.bus_listener import no_ear
+from sim_harness.flight.loop import Wire
 from sim_harness.world.records import FLYING
 from tests.system.flights import (
     NAV_FRAMES,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from flight_sw.load_image import activate, image_bytes, parse_image
-from sim_harness.summary import summary_of
+from sim_harness.flight.summary import summary_of
 from tests.system.flights import MISSION, ROOT, Computer, World, built, flown
 
 pytestmark = pytest.mark.jit_only

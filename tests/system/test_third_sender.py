@@ -10,7 +10,7 @@ import pytest
 from flight_sw import icd
 from flight_sw.can.e2e import crc_ok
 from sim_harness.bus.hub import Hub
-from sim_harness.loop import COMPUTER_SILENT
+from sim_harness.flight.loop import COMPUTER_SILENT
 from sim_harness.telemetry.reader import open_recording
 from tests.system.flights import built, run_of
 from tests.system.paced import piece

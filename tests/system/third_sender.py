@@ -14,7 +14,7 @@ import numpy as np
 from flight_sw import icd
 from flight_sw.can.address import open_bus
 from flight_sw.can.e2e import protect
-from flight_sw.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
 from tests.system.flights import Frames, built
 

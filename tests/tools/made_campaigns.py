@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sim_harness.documents import read_toml
-from sim_harness.mission import find
+from sim_harness.mission.documents import read_toml
+from sim_harness.mission.mission import find
 from tools.campaign.plan import encoded
 from tools.campaign.profiles import FIELDS, Spool
 

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from flight_sw.errors import AeroshellError, FlightError
-from sim_harness.documents import JSON_BYTES_MAX
-from sim_harness.mission import GAINS
+from sim_harness.mission.documents import JSON_BYTES_MAX
+from sim_harness.mission.mission import GAINS
 from tests.tools.made_campaigns import make
 from tools.campaign.columns import read_columns
 from tools.campaign.engine import run_campaign

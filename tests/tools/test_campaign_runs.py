@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flight_sw.errors import FlightError, MissionError
-from sim_harness.mission import find, load_mission
-from sim_harness.outcomes import limits_exceeded, outcome_class
+from sim_harness.mission.mission import find, load_mission
+from sim_harness.flight.outcomes import limits_exceeded, outcome_class
 from tools.campaign.engine import run_campaign
 from tools.campaign.folder import decoded
 from tools.campaign.job import Flyer, Run, job_of

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from sim_harness.bus.place import UNIQUE_BYTES, bus_place, places
-from sim_harness.computer_process import PACKAGE_PARENT, own_environment, own_module
-from sim_harness.flight import FlightRun
+from sim_harness.bus.socket_path import UNIQUE_BYTES, bus_place, places
+from sim_harness.flight.computer_process import PACKAGE_PARENT, own_environment, own_module
+from sim_harness.flight.flight import FlightRun
 from tools.cli import main
 from tools.commands.campaign import ProgressOfMany
 from tools.show import ProgressLine
@@ -261,7 +261,7 @@ def test_where_no_place_is_short_enough_tmpdir_is_named(
     run: Callable[..., Told], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", "/" + "t" * 119)
-    monkeypatch.setattr("sim_harness.bus.place.SHORT_PLACES", ("/nowhere",))
+    monkeypatch.setattr("sim_harness.bus.socket_path.SHORT_PLACES", ("/nowhere",))
     told = refused(run("fly", "hyperion-1", "--set", "time_max_s=1"))
     assert f"TMPDIR /{'t' * 119}: path of 120 bytes" in told
 

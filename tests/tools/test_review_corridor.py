@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_harness.mission import Mission
+from sim_harness.mission.mission import Mission
 from sim_harness.world.motion import rates
 from sim_harness.world.records import HELD
 from tests.sim_harness.flights import plain_mission

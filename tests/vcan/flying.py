@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sim_harness import bus_flight
-from sim_harness.bus_flight import fly_bus
-from sim_harness.flight import FlightPlan, FlightRun, fly_memory
-from sim_harness.summary import summary_of
+from sim_harness.flight import bus_flight
+from sim_harness.flight.bus_flight import fly_bus
+from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
+from sim_harness.flight.summary import summary_of
 from tools.overrides import Prepared, prepare
 
 INTERFACE = "vcan0"

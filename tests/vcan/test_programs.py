@@ -16,7 +16,7 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.can.address import identifiers_from, open_bus
-from sim_harness.flight import FlightRun
+from sim_harness.flight.flight import FlightRun
 from tests.vcan.flying import BUS, END_S, INTERFACE, Trigger, end, fly, program, running, start
 
 pytestmark = [pytest.mark.vcan, pytest.mark.jit_only]

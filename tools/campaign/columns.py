@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
-from sim_harness.documents import short
+from sim_harness.mission.documents import short
 
 TEXTS = (
     "mission", "law", "outcome", "outcome_class", "end_trigger", "command_sha256", "load_crc32",

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from flight_sw.errors import FlightError
-from sim_harness.outcomes import NOT_FLOWN
+from sim_harness.flight.outcomes import NOT_FLOWN
 from tools.campaign.cluster import Cluster
 from tools.campaign.folder import read_manifest, read_results, read_samples
 from tools.campaign.job import Flyer

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError, MissionError
 from flight_sw.load_image import image_bytes
-from sim_harness.assembly import read_csv
-from sim_harness.documents import read_toml
-from sim_harness.flight import (
+from sim_harness.world.assembly import read_csv
+from sim_harness.mission.documents import read_toml
+from sim_harness.flight.flight import (
     FlightPlan,
     FlightRun,
     Listener,
@@ -22,9 +22,9 @@ from sim_harness.flight import (
     memory_loop,
     onboard_of,
 )
-from sim_harness.mission import Mission, apply, find, leaf_keys, mission_of, resolve
-from sim_harness.outcomes import NUMERICAL
-from sim_harness.summary import flight_facts
+from sim_harness.mission.mission import Mission, apply, find, leaf_keys, mission_of, resolve
+from sim_harness.flight.outcomes import NUMERICAL
+from sim_harness.flight.summary import flight_facts
 from tools.campaign.profiles import F8, KEY, RATE_HZ, Profiler, speeds
 from tools.gains.body import fill_body
 from tools.gains.image import DESIGN_NAME

@@ -17,9 +17,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sim_harness.documents import json_of
-from sim_harness.flight import FlightRun
-from sim_harness.mission import Mission
+from sim_harness.mission.documents import json_of
+from sim_harness.flight.flight import FlightRun
+from sim_harness.mission.mission import Mission
 from sim_harness.world.records import TRUTH
 from tools.campaign.columns import UNREADABLE, opened, refused
 from tools.campaign.folder import MANIFEST, PROFILES, SPOOL

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
-from sim_harness.dispersions import Samples
+from sim_harness.mission.dispersions import Samples
 from tools.campaign.columns import TEXTS, write_table
 from tools.campaign.folder import (
     GROUP_ROWS,

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.compute as pc
 from rich.table import Table
 
-from sim_harness.outcomes import LIMIT_EXCEEDED, TOGETHER
+from sim_harness.flight.outcomes import LIMIT_EXCEEDED, TOGETHER
 from tools.campaign.columns import numbers
 from tools.show import ROWS
 

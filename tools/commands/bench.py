@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.latency import Latency
@@ -65,7 +65,7 @@ def as_object(found: "list[Latency]", seconds: float) -> dict[str, Any]:
 def rows_in(path: Path) -> "list[Latency]":
     """The rows of a file with `--json`'s object."""
     from flight_sw.errors import AeroshellError
-    from sim_harness.documents import read_json
+    from sim_harness.mission.documents import read_json
     from tools.latency import Latency
 
     found = read_json(path, AeroshellError)

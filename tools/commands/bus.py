@@ -14,7 +14,7 @@ import typer
 from rich.table import Table
 
 from flight_sw.can.address import open_bus
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 from sim_harness.bus.hub import Hub, HubStats
 from sim_harness.bus.load_model import BITRATE_BPS, LOAD_LIMIT, BusLoad, bus_load
 from sim_harness.bus.traffic import Traffic, listen, traffic_as_json

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flight_sw.streams import is_watched, say, tell
+from flight_sw.runtime.streams import is_watched, say, tell
 
 if TYPE_CHECKING:
     from tools.campaign.engine import Campaign
@@ -134,7 +134,7 @@ def campaign(
 def _report(folder: Path) -> None:
     """The campaign's own report, new each time the campaign is gone on with."""
     from tools.commands.report import command_of
-    from tools.doing import Doing
+    from tools.status_line import Doing
     from tools.report.page import REPORT, write_report
 
     with Doing() as doing:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 
 if TYPE_CHECKING:
-    from sim_harness.flight import FlightPlan, FlightRun
+    from sim_harness.flight.flight import FlightPlan, FlightRun
     from tools.overrides import Prepared
     from tools.review.viewer import Live
 
@@ -60,7 +60,7 @@ class Folder:
 
     def __init__(self, out: Path | None, mission: str, law: str, force: bool) -> None:
         from flight_sw.errors import FlightError
-        from flight_sw.program import shown
+        from flight_sw.runtime.program import shown
         from sim_harness.telemetry.records import RECORDING_NAME
 
         if out is None:
@@ -131,10 +131,10 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
     from importlib.metadata import version
     from platform import python_version
 
-    from flight_sw.identity import name_of
-    from sim_harness.mission import differences
+    from flight_sw.runtime.identity import name_of
+    from sim_harness.mission.mission import differences
     from sim_harness.replay.script import HARNESS_KEY
-    from sim_harness.summary import pace_text
+    from sim_harness.flight.summary import pace_text
     from sim_harness.telemetry.reader import RECORDING_KEY
 
     plan = run.plan
@@ -178,8 +178,8 @@ def fly_and_record(run: "FlightRun", folder: Path | None) -> str:
     from contextlib import ExitStack
 
     from flight_sw.errors import AeroshellError
-    from sim_harness.bus_flight import fly_bus
-    from sim_harness.flight import fly_memory
+    from sim_harness.flight.bus_flight import fly_bus
+    from sim_harness.flight.flight import fly_memory
     from sim_harness.telemetry.reader import RECORDING_KEY
     from sim_harness.telemetry.records import RECORDING_NAME
     from tools.recording import FlightRecorder
@@ -234,7 +234,7 @@ def fly(
 ) -> None:
     """Fly a mission: the world and the flight computer as two processes on a bus, in lockstep."""
     from flight_sw.errors import FlightError
-    from sim_harness.flight import FlightPlan
+    from sim_harness.flight.flight import FlightPlan
     from tools.review.viewer import Live
 
     own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
@@ -271,7 +271,7 @@ def _what_to_fly(
 ) -> tuple["Prepared", int, dict[str, Any] | None]:
     """What was asked for with the options of one's own, or a run of a campaign and its result."""
     from flight_sw.errors import FlightError
-    from tools.campaign.again import again
+    from tools.campaign.refly import again
     from tools.overrides import prepare
 
     if campaign is None and own["MISSION"] is None:
@@ -288,7 +288,7 @@ def _what_to_fly(
 
 def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[str, Any]) -> None:
     """Say whether a run flown again had the commands that it had in its campaign."""
-    from tools.campaign.again import check_same
+    from tools.campaign.refly import check_same
 
     if then is None or not then.get("command_sha256"):
         say(f"run {run} of {campaign} has no commands there to compare with")
@@ -329,8 +329,8 @@ def _fly(
     """Fly, write the summary, and raise for a flight that was not flown to its end; returns the
     summary, and why it could not be written."""
     from flight_sw.errors import FlightError
-    from sim_harness.flight import FlightRun
-    from sim_harness.summary import summary_of
+    from sim_harness.flight.flight import FlightRun
+    from sim_harness.flight.summary import summary_of
     from sim_harness.world.records import PHYSICAL_ENDS
     from tools.recording import FolderWatch
     from tools.show import ProgressLine

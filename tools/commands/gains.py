@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 
 
 def gains(

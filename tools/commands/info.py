@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from flight_sw.echo import echoed
-from flight_sw.streams import tell
+from flight_sw.runtime.echo import echoed
+from flight_sw.runtime.streams import tell
 
 DISPLAY = {  # SI unit at the end of a name: factor and unit to show
     "wpm2": (1e-3, "kW/m2"),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flight_sw.echo import echoed
-from flight_sw.streams import say, tell
+from flight_sw.runtime.echo import echoed
+from flight_sw.runtime.streams import say, tell
 
 if TYPE_CHECKING:
     from sim_harness.replay.open_loop import Compared
@@ -75,7 +75,7 @@ def _object(recording: "Recording", found: "Replay", wall_s: float, speed: float
 
 
 def _lines(flight: Path, recording: "Recording", found: "Replay", speed: str) -> list[str]:
-    from sim_harness.summary import LOST_KEY
+    from sim_harness.flight.summary import LOST_KEY
 
     if found.difference is not None:
         lines = [f"{flight}: {_told(found.difference)}"]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flight_sw.streams import tell
+from flight_sw.runtime.streams import tell
 
 COMPARISON = Path("comparison.html")
 
@@ -23,7 +23,7 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="replace a file that exists")] = False,
 ) -> None:
     """Write what campaigns show as one file: verdicts, corridor, distributions, worst cases."""
-    from tools.doing import Doing
+    from tools.status_line import Doing
     from tools.report.page import REPORT, write_report
     from tools.report.source import ReportError
 

@@ -18,7 +18,7 @@ QuickOption = Annotated[
 
 def progress_line() -> "Progress":
     """Tells on a terminal what is being flown."""
-    from flight_sw.streams import is_watched
+    from flight_sw.runtime.streams import is_watched
     from tools.console import progress_console
 
     console = progress_console()
@@ -32,7 +32,7 @@ def progress_line() -> "Progress":
 
 def end_with(reproduction: "Reproduction", as_json: bool) -> None:
     """Show it; exit status 1 where a bar was missed."""
-    from flight_sw.streams import tell
+    from flight_sw.runtime.streams import tell
     from tools.console import result_console
     from tools.reproduce.show import show
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.review.source import FlightData
@@ -35,7 +35,7 @@ def review(
 ) -> None:
     """Show flights in Rerun: track, corridor, limits, commands, guidance, bus, events."""
     from flight_sw.errors import RecordingError
-    from tools.doing import Doing
+    from tools.status_line import Doing
     from tools.review.layout import TABS, blueprint
     from tools.review.review import draw, peak_s, plan
     from tools.review.source import open_flights

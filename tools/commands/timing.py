@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flight_sw.streams import say, tell
+from flight_sw.runtime.streams import say, tell
 
 if TYPE_CHECKING:
     from tools.flight_timing import FlightTiming

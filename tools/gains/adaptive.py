@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from flight_sw.guidance.adaptive import HUGE, RATES
-from flight_sw.guidance.heat_flux_peak import PEAK_BY
-from flight_sw.types_ import Record
+from flight_sw.guidance.heat_flux.adaptive import HUGE, RATES
+from flight_sw.guidance.heat_flux.peak import PEAK_BY
+from flight_sw.records.types_ import Record
 from tools.gains.observer import fill_observer
 from tools.gains.schema import Sag, Tracking
 

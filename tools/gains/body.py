@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import MARKER
-from flight_sw.guidance.heat_flux_peak import PEAK_BY
+from flight_sw.guidance.heat_flux.peak import PEAK_BY
 from flight_sw.limits import UNLIMITED
 from flight_sw.load_image import body_spec
-from flight_sw.onboard import ALPHA_ROWS, MACH_ROWS
-from flight_sw.types_ import Record
-from sim_harness.mission import Mission
-from sim_harness.mission_keys import SAMPLED_ALPHA_DEG
+from flight_sw.model.onboard import ALPHA_ROWS, MACH_ROWS
+from flight_sw.records.types_ import Record
+from sim_harness.mission.mission import Mission
+from sim_harness.mission.keys import SAMPLED_ALPHA_DEG
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.records import AERO_TABLE
 from tools.gains import adaptive, drag, lqy

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from flight_sw.errors import DesignError
-from flight_sw.guidance import drag_observer
-from flight_sw.types_ import Record
-from sim_harness.mission import Mission
-from sim_harness.way import fill_way
+from flight_sw.guidance.drag import by_observer as drag_observer
+from flight_sw.records.types_ import Record
+from sim_harness.mission.mission import Mission
+from sim_harness.world.ground_track import fill_way
 from tools.gains.drag_choices import DragTracking, RangePredictor
 from tools.gains.nominal_flight import INDEXES, Nominal, Reference, Row, solved
 from tools.gains.observer import fill_observer

@@ -2,9 +2,11 @@
 
 from typing import Annotated, Literal
 
-from flight_sw import prediction
-from flight_sw.guidance import drag_observer, drag_tracking, range_predictor
-from sim_harness.quantities import Quantity, Section, loaded
+from flight_sw.model import prediction
+from flight_sw.guidance.drag import by_observer as drag_observer
+from flight_sw.guidance.drag import tracking as drag_tracking
+from flight_sw.guidance.drag import range_predictor
+from sim_harness.mission.quantities import Quantity, Section, loaded
 
 
 class NominalFlight(Section):

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.errors import DesignError
-from flight_sw.guidance import nominal
-from flight_sw.onboard import FORCES, heat_flux, modelled_forces, specific_energy
-from flight_sw.types_ import Record
+from flight_sw.guidance.heat_flux import nominal
+from flight_sw.model.onboard import FORCES, heat_flux, modelled_forces, specific_energy
+from flight_sw.records.types_ import Record
 from tools.gains.schema import Lqy
 
 SIGNIFICANT_DIGITS = 9  # of a stored gain: below what LAPACK builds differ in

@@ -14,16 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.bank_profile import BANK_PROFILE, nominal_bank
-from flight_sw.dictionary import NAV
-from flight_sw.drag_dynamics import DYNAMICS, drag_dynamics, jacobi_energy
-from flight_sw.drag_reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
+from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
+from flight_sw.records.dictionary import NAV
+from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
+from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
 from flight_sw.errors import DesignError
-from flight_sw.great_circle import WAY, range_flown
-from flight_sw.types_ import Record
-from sim_harness.mission import Mission
-from sim_harness.profile_flight import fly_profile
-from sim_harness.way import fill_way
+from flight_sw.model.great_circle import WAY, range_flown
+from flight_sw.records.types_ import Record
+from sim_harness.mission.mission import Mission
+from sim_harness.flight.profile_flight import fly_profile
+from sim_harness.world.ground_track import fill_way
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag_choices import NominalFlight
 

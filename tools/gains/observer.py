@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.types_ import Record
+from flight_sw.records.types_ import Record
 from tools.gains.schema import Observer
 
 ROWS, COLUMNS = ("value", "rate"), ("value", "rate", "measured", "newest", "accel")

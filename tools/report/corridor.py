@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flight_sw.errors import AeroshellError
-from sim_harness.mission import Mission
+from sim_harness.mission.mission import Mission
 from tools.campaign.profiles import Profiles
 from tools.report.drawing import INK, LIMIT, colour, figure, image, limit_line, off_panel, style
 from tools.report.source import Source

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim_harness.outcomes import LIMIT_EXCEEDED, NOMINAL, RATIOS, TOGETHER
-from sim_harness.requirements import Verdict, shown_probability
+from sim_harness.flight.outcomes import LIMIT_EXCEEDED, NOMINAL, RATIOS, TOGETHER
+from sim_harness.mission.requirements import Verdict, shown_probability
 from tools.report.figures import in_pairs
 from tools.report.source import Source, numeric_keys
 from tools.report.statistics import (
@@ -239,7 +239,7 @@ def _worst(source: Source, what: str, name: Name, place: int) -> Worst:
 
 def worst_by_requirement(source: Source) -> list[tuple[str, list[Worst]]]:
     """For each requirement the runs that come nearest to failing it, or fail it farthest."""
-    from sim_harness.requirements import excess
+    from sim_harness.mission.requirements import excess
 
     found = []
     for requirement in source.requirements():
@@ -272,7 +272,7 @@ def extremes(source: Source, names: Sequence[Name]) -> list[tuple[str, list[Wors
 
 def not_flown(source: Source) -> list[Worst]:
     """The first runs whose flight means nothing."""
-    from sim_harness.outcomes import NOT_FLOWN
+    from sim_harness.flight.outcomes import NOT_FLOWN
 
     places = np.flatnonzero(np.isin(source.classes, NOT_FLOWN))[:WORST]
     outcomes = source.results["outcome"].to_pylist() if "outcome" in source.results.column_names \

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flight_sw.bank_profile import BANK_PROFILE
-from sim_harness.mission import Mission, load_mission
-from sim_harness.profile_flight import fly_profile
-from sim_harness.terminal import state_at_end, terminal_errors
+from flight_sw.guidance.drag.bank_profile import BANK_PROFILE
+from sim_harness.mission.mission import Mission, load_mission
+from sim_harness.flight.profile_flight import fly_profile
+from sim_harness.flight.terminal import state_at_end, terminal_errors
 from sim_harness.world.records import TRUTH
 from tools.campaign.engine import results_of
 from tools.campaign.job import Flyer, Run, job_of

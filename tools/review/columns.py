@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw import modes, status
+from flight_sw import modes
+from flight_sw.records import status
 from flight_sw.errors import AeroshellError
 from flight_sw.icd import FRAME_BYTES
 from sim_harness.bus.load_model import BITRATE_BPS, worst_frame_bits

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sim_harness.flight import FlightRun
+from sim_harness.flight.flight import FlightRun
 from sim_harness.telemetry.decode import NO_SLOT, Decoder
 from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine

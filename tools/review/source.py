@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.echo import echoed
+from flight_sw.runtime.echo import echoed
 from flight_sw.errors import AeroshellError, RecordingError
-from sim_harness import documents
-from sim_harness.mission import Mission, apply, mission_of
+from sim_harness.mission import documents
+from sim_harness.mission.mission import Mission, apply, mission_of
 from sim_harness.telemetry.reader import Recording, open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 from tools.review.corridor import PathLimits

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from urllib.parse import urlsplit
 
 from flight_sw.errors import AeroshellError
-from flight_sw.streams import say
+from flight_sw.runtime.streams import say
 from tools.review.stage import TIMELINE, quiet_rerun
 
 if TYPE_CHECKING:
-    from sim_harness.flight import FlightRun
+    from sim_harness.flight.flight import FlightRun
     from tools.review.live import LiveView
 
 WINDOW = (1760, 990)

@@ -5,7 +5,7 @@ Potential: -mu/R (1 - J2 (Re/R)^2 (3 sin^2 lat - 1)/2), latitude geocentric. J2 
 
 import math
 
-from flight_sw.types_ import Record
+from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 
 

@@ -1,0 +1,65 @@
+"""The class of a finished flight: one word for how it went, the gravest that applies."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from sim_harness.mission.dispersion_keys import Judgement
+from sim_harness.world.records import OUTCOMES, SKIPPED_OUT
+
+NOMINAL = "nominal"
+LIMIT_EXCEEDED = "limit exceeded"
+SKIP_OUT = "skip-out"
+SHORT = "short"
+SATURATED = "saturated"
+NUMERICAL = "numerical"
+BUS = "bus"
+CLASSES = (NOMINAL, LIMIT_EXCEEDED, SKIP_OUT, SHORT, SATURATED, NUMERICAL, BUS)
+NOT_FLOWN = (NUMERICAL, BUS)
+"""Classes whose other numbers mean nothing."""
+
+BY_OUTCOME = {
+    "bus lost": BUS,
+    "flight computer silent": BUS,
+    "numerical": NUMERICAL,
+    OUTCOMES[SKIPPED_OUT]: SKIP_OUT,
+    "ground": SHORT,
+    "time out": SHORT,
+}
+RATIOS = {
+    "heat flux": ("heat_flux_max_ratio", "heat_flux_ratio_max"),
+    "load factor": ("load_factor_max_ratio", "load_factor_ratio_max"),
+    "dynamic pressure": ("dynamic_pressure_max_ratio", "dynamic_pressure_ratio_max"),
+}
+"""Each limit's ratio among a flight's scalars, and the key of the judgement that bounds it."""
+TOGETHER = ", "  # between the limits that one flight exceeded
+
+
+def _is_beyond(value: Any, bound: float) -> bool:
+    return value is not None and not value <= bound
+
+
+def limits_exceeded(facts: Mapping[str, Any], judgement: Judgement) -> str:
+    """The limits that a flight exceeded by more than is allowed; empty if none."""
+    names = [
+        name
+        for name, (ratio, bound) in RATIOS.items()
+        if _is_beyond(facts.get(ratio), getattr(judgement, bound))
+    ]
+    return TOGETHER.join(names)
+
+
+def outcome_class(facts: Mapping[str, Any], judgement: Judgement) -> str:
+    """The class of a flight from its scalars."""
+    if any(isinstance(v, float) and not math.isfinite(v) for v in facts.values()):
+        return NUMERICAL
+    if (ended := BY_OUTCOME.get(facts["outcome"])) is not None:
+        return ended
+    if _is_beyond(facts.get("downrange_error_km"), judgement.short_of_target_km):
+        return SHORT
+    if limits_exceeded(facts, judgement):
+        return LIMIT_EXCEEDED
+    saturated_s = facts["bank_saturated_s"] + facts["alpha_saturated_s"]
+    if saturated_s > judgement.saturated_share_max * facts["flight_time_s"]:
+        return SATURATED
+    return NOMINAL
