@@ -16,8 +16,8 @@ from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec, pack
 from flight_sw.can.e2e import counter_of, protect
 from flight_sw.can.libc import monotonic_ns
-from flight_sw.reception.receiver import RX_STATE, accept, is_valid, judge
 from flight_sw.can.sockets import new_io, recv_frames, send_frames
+from flight_sw.reception.receiver import RX_STATE, accept, is_valid, judge
 from flight_sw.records.dictionary import FRAME
 from sim_harness.bus.hub import Hub
 from sim_harness.jit import kernel

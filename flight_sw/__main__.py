@@ -6,10 +6,13 @@ import sys
 from pathlib import Path
 
 from flight_sw.runtime import program
-
-PACE_LOW, PACE_HIGH = 0.01, 1000.0
-TIMEOUT_LOW_S = 1.0
-SILENCE_TIMEOUT_S = 10.0
+from flight_sw.timing import (
+    PACE_HIGH,
+    PACE_LOW,
+    SILENCE_TIMEOUT_S,
+    TIMEOUT_LOW_S,
+    Timing,
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -62,7 +65,7 @@ def _boot(arguments: list[str] | None) -> int:
             )
     if not PACE_LOW <= options.pace <= PACE_HIGH:
         parser.error(f"--pace is {options.pace:g}, allowed {PACE_LOW:g} to {PACE_HIGH:g}")
-    from flight_sw.boot import Timing, boot  # the compiler is slow to import: not for --help
+    from flight_sw.boot import boot  # the compiler is slow to import: not for --help
 
     timing = Timing(
         options.synchronisation,

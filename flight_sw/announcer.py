@@ -7,11 +7,11 @@ import time
 from dataclasses import dataclass, field
 
 from flight_sw.can.plain import plain_frame, read_plain
-from flight_sw.records.dictionary import FRAME
 from flight_sw.guidance import LAWS
 from flight_sw.icd import layout
-from flight_sw.runtime.identity import SOURCES
 from flight_sw.load_image import LoadImage
+from flight_sw.records.dictionary import FRAME
+from flight_sw.runtime.identity import SOURCES
 
 ANNOUNCE_S = layout("FSW_BOOT").cycle_ms / 1e3
 COMPILING, READY, ARMED = 0, 1, 2

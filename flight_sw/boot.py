@@ -7,25 +7,21 @@ silent, so that whoever comes then hears that the bus is taken.
 
 import gc
 import json
-import math
 import signal
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
-from flight_sw.__main__ import SILENCE_TIMEOUT_S
 from flight_sw.announcer import ARMED, READY, Announcer
 from flight_sw.can.address import frames_dropped, identifiers_from, open_bus
 from flight_sw.can.error_frames import account_of
-from flight_sw.reception.receiver import LOST, OK, VERDICTS
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
 from flight_sw.executive import (
     BUS_LOST,
@@ -35,13 +31,16 @@ from flight_sw.executive import (
     SYNCHRONISATIONS,
     serve,
 )
+from flight_sw.load_image import activate, read_image
+from flight_sw.reception.receiver import LOST, OK, VERDICTS
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.runtime.histogram import filled_bins_us, percentiles_us
 from flight_sw.runtime.identity import SOURCES, draw_number, name_of
 from flight_sw.runtime.kernel_cache import on_compiling
-from flight_sw.load_image import activate, read_image
 from flight_sw.runtime.privileges import lock_memory, punctual_processor, take_priority
 from flight_sw.runtime.scheduling import run_in_bursts
 from flight_sw.runtime.streams import say, tell
+from flight_sw.timing import Timing
 
 SLICE_NS = 100_000_000  # between two looks at signals
 DISCARD_MAX_S, DISCARD_PAUSE_S = 1.0, 0.002
@@ -49,18 +48,6 @@ NOT_PERMITTED = "flight computer: not as punctual as it could be:"
 COMPILES = "flight computer: compiling law"
 HEARD = (*identifiers_from("HARNESS"), icd.layout("FSW_BOOT").can_id)
 SILENCE_TOLD_S = 1.0  # of the harness, after which the computer says again that it is here
-
-
-class Timing(NamedTuple):
-    """How the loop keeps time."""
-
-    synchronisation: str = "lockstep"
-    pace: float = 1.0
-    """Mission seconds per second of the clock; lockstep has none."""
-    silence_timeout_s: float = SILENCE_TIMEOUT_S
-    """By the clock: an armed computer ends that hears nothing of a harness for so long."""
-    waiting_timeout_s: float = math.inf
-    """The same before it is armed."""
 
 
 class HarnessWatch:

@@ -10,20 +10,20 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd, modes
-from flight_sw.records import status
-from flight_sw.reception import plausibility as gate
 from flight_sw.can.codec import pack
 from flight_sw.can.e2e import protect
-from flight_sw.reception.receiver import RX_STATE, receiver_tick, report_counters
-from flight_sw.reception.candidate import CANDIDATE
-from flight_sw.records.dictionary import GUIDANCE, NAV
 from flight_sw.guidance import law_module, law_step
-from flight_sw.runtime.identity import ALONE, NOBODY
-from flight_sw.runtime.jit import kernel
 from flight_sw.limits import LIMITER, limit
 from flight_sw.model.onboard import FORCES
+from flight_sw.reception import plausibility as gate
+from flight_sw.reception.candidate import CANDIDATE
 from flight_sw.reception.navigation_set import ASIDE, NO_SLOT, close_set, receive
+from flight_sw.reception.receiver import RX_STATE, receiver_tick, report_counters
+from flight_sw.records import status
+from flight_sw.records.dictionary import GUIDANCE, NAV
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.identity import ALONE, NOBODY
+from flight_sw.runtime.jit import kernel
 
 COMMAND = icd.slot("FSW_COMMAND")
 STATUS = icd.slot("FSW_STATUS")

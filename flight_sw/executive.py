@@ -23,12 +23,12 @@ from flight_sw.can.error_frames import ERRORS, note_error
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import BUS_DOWN, recv_frames, send_frames
 from flight_sw.computer import COUNTER_MODULUS, minor_frame
-from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.guidance import law_step
+from flight_sw.reception.navigation_set import is_held_up
+from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
+from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import HISTOGRAM, add
 from flight_sw.runtime.jit import kernel
-from flight_sw.reception.navigation_set import is_held_up
-from flight_sw.records.types_ import Frames, Record
 
 RUNNING, STOPPED, BUS_LOST = 0, 1, 2
 LOCKSTEP, FRAME_SYNCHRONISED, CLOCKED = 0, 1, 2

@@ -4,8 +4,8 @@ import math
 
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 SLOWEST = math.radians(1e-3)  # rad/s or rad/s2: no axis is that slow
 UNLIMITED = 1e6  # rad/s or rad/s2: no limit at any frame rate

@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import icd
-from flight_sw.model.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
 from flight_sw.can.codec import CODEC, build_codec
 from flight_sw.errors import LoadError
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.guidance import LAWS, MARKER, law_module
 from flight_sw.limits import AXIS_LIMITS
-from flight_sw.modes import MODE_DESIGN
+from flight_sw.model.atmosphere import ATMOSPHERE, BUCKETS, KNOTS_MAX
 from flight_sw.model.onboard import ONBOARD
+from flight_sw.modes import MODE_DESIGN
 from flight_sw.reception.plausibility import GATES
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
 
 BYTES_MAX = 4_000_000  # an image has some 100,000

@@ -4,8 +4,8 @@ import math
 
 from flight_sw import icd
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 STANDBY, COAST, ENTRY, TERMINAL, SAFE = 0, 1, 2, 3, 4
 MODES = ("STANDBY", "COAST", "ENTRY", "TERMINAL", "SAFE")

@@ -17,8 +17,7 @@ import pytest
 from hypothesis import settings
 from numba.core import config
 
-from flight_sw.runtime import jit
-from flight_sw.runtime import kernel_cache
+from flight_sw.runtime import jit, kernel_cache
 from tests import allowances
 
 UNCOMPILED = bool(config.DISABLE_JIT)

@@ -11,10 +11,10 @@ import random
 import sys
 import zlib
 
-from flight_sw.runtime import program
 from flight_sw.can.crc import shifted, shifted_bytes
 from flight_sw.errors import DesignError
 from flight_sw.icd import COUNTER_VALUES, DATA_IDS_ATTRIBUTE, FRAME_BYTES, LAYOUT
+from flight_sw.runtime import program
 from flight_sw.runtime.streams import tell
 
 ATTEMPTS = 1000

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flight_sw.runtime.echo import echoed
 from flight_sw.errors import AeroshellError
-from sim_harness.mission.documents import DocumentError, json_of, read_json
+from flight_sw.runtime.echo import echoed
 from sim_harness.flight.summary import TIMING_KEY
+from sim_harness.mission.documents import DocumentError, json_of, read_json
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
 

@@ -12,13 +12,13 @@ import time
 import numpy as np
 
 from flight_sw import icd
-from flight_sw.runtime import program
 from flight_sw.can.address import open_bus
 from flight_sw.can.libc import monotonic_ns, sleep_until_ns
 from flight_sw.can.sockets import BATCH, new_io, send_frames
 from flight_sw.records.dictionary import FRAME
-from flight_sw.runtime.streams import say, tell
 from flight_sw.records.types_ import Frames
+from flight_sw.runtime import program
+from flight_sw.runtime.streams import say, tell
 from sim_harness.jit import kernel
 
 FULL_RATE_HZ = 7400.0  # frames of 8 bytes on a bus of 1 Mbit/s

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from flight_sw.runtime import program
 from flight_sw.icd import COUNTER_VALUES, DBC_PATH, DBC_SHA256, LAYOUT, N_MESSAGES, Message, Signal
+from flight_sw.runtime import program
 from flight_sw.runtime.streams import tell
 from sim_harness.bus.load_model import BITRATE_BPS, bus_load, worst_frame_bits
 

@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import read_image
 from sim_harness.mission.documents import read_toml, short
+from sim_harness.mission.errors import nearest
 from sim_harness.mission.mission import (
     SHIPPED,
     Mission,
     apply,
     find,
     leaf_keys,
-    load_mission,
     models_first,
     resolve,
     value_of,
 )
-from sim_harness.mission.errors import nearest
 from sim_harness.mission.quantities import plain
+from sim_harness.world.missions import load_mission
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
 from tools.gains.schema import Design, laws_of, read_tree
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from flight_sw.runtime.streams import say
 from sim_harness.flight.flight import FlightRun
-from sim_harness.telemetry.journal import Journal
 from sim_harness.flight.summary import results_of
+from sim_harness.telemetry.journal import Journal
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel
 

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 
 from flight_sw.errors import AeroshellError, RecordingError
-from flight_sw.runtime.kernel_cache import on_compiling
 from flight_sw.load_image import LoadImage, read_image
+from flight_sw.runtime.kernel_cache import on_compiling
 from flight_sw.runtime.streams import say
 from sim_harness.replay.open_loop import Compared, compare
 from sim_harness.replay.replayer import Replay, Replayer, warm_up

@@ -11,9 +11,9 @@ from rich.table import Table
 from flight_sw.modes import MODES
 from flight_sw.runtime.streams import is_watched, say
 from sim_harness.flight.flight import FlightRun
-from sim_harness.mission.mission import Mission
 from sim_harness.flight.pacing import pace_so_far
 from sim_harness.flight.slip_watch import slips_so_far
+from sim_harness.mission.mission import Mission
 from tools.console import progress_console
 from tools.published import published
 
@@ -79,8 +79,8 @@ class ProgressLine:
             f"bank {np.degrees(truth['bank_rad']):z6.1f} deg"
         )
         if run.plan.pace > 0.0:
-            reached = pace_so_far(run)
-            late = slips_so_far(run)
+            reached = pace_so_far(run.pacer[0], float(truth["t_s"]))
+            late = slips_so_far(run.pacer[0], port)
             state += f"  {reached:z5.2f}x  {late.harness + late.computer} slips"
         self._progress.update(self._task, completed=float(np.clip(lost, 0.0, 1.0)), state=state)
 

@@ -2,8 +2,8 @@
 
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import receive_now
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.jit import kernel
 
 BURST_GAP_NS = 30_000  # longest wait without sleeping; a sender puts out a frame a microsecond
 

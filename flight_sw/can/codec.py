@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.can.crc import POSITIONS, counter_table, crc_table
-from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.icd import (
     COUNTER_VALUES,
     E2E_SIGNALS,
@@ -23,8 +22,9 @@ from flight_sw.icd import (
     Message,
     Signal,
 )
-from flight_sw.runtime.jit import kernel
+from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.records.types_ import F8, Record
+from flight_sw.runtime.jit import kernel
 
 OK = 0
 OUT_OF_RANGE = 1  # a value outside its signal's range, or not a number

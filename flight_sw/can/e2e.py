@@ -9,8 +9,8 @@ The data id is not sent; which of a message's sixteen is meant follows from the 
 
 import numpy as np
 
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 BYTE = np.uint64(0xFF)
 NIBBLE = np.uint64(0xF)

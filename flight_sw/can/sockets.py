@@ -31,8 +31,8 @@ from flight_sw.can.libc import (
     sleep_until_ns,
 )
 from flight_sw.records.dictionary import FRAME
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.jit import kernel
 
 BUS_LOST = -1
 BUS_DOWN = -2  # the interface is down: it may come back, and the socket with it

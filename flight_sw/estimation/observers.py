@@ -19,8 +19,8 @@ import math
 
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 BALANCE_TOLERANCE = 1e-9  # of the matrices' rows, for round-off
 STEP_MIN_RATIO = 0.5  # of the period: a shorter one is the same step again, or one out of order

@@ -14,11 +14,8 @@ from numba.extending import overload
 from flight_sw.errors import LoadError
 from flight_sw.guidance.drag import by_observer as drag_observer
 from flight_sw.guidance.drag import by_state as drag_state
-from flight_sw.guidance.heat_flux import integrated
-from flight_sw.guidance.heat_flux import lqy
-from flight_sw.guidance.heat_flux import nominal
 from flight_sw.guidance.drag import range_predictor
-from flight_sw.guidance.heat_flux import sag
+from flight_sw.guidance.heat_flux import integrated, lqy, nominal, sag
 from flight_sw.records.types_ import Record
 
 LAWS: dict[str, ModuleType] = {

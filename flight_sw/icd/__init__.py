@@ -12,8 +12,8 @@ from cantools.database import Database
 from cantools.database.can import Message as DbcMessage
 from cantools.database.can import Signal as DbcSignal
 
-from flight_sw.runtime.echo import NAME_MAX, echoed, is_plain_name
 from flight_sw.errors import IcdError
+from flight_sw.runtime.echo import NAME_MAX, echoed, is_plain_name
 
 DBC_PATH = Path(__file__).with_name("aeroshell.dbc")
 DBC_SHA256 = hashlib.sha256(DBC_PATH.read_bytes()).hexdigest()

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 KNOTS_MAX = 512
 BUCKETS = 1024

@@ -6,8 +6,8 @@ Limits: within half the planet's circumference of the entry.
 import math
 
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 UNIT_TOLERANCE = 1e-9
 

@@ -6,10 +6,10 @@ The truth may differ: these numbers come from the load image, the world's from t
 import math
 
 from flight_sw.model.atmosphere import density, sound_speed
-from flight_sw.records.fields import UNBOUNDED, Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.model.tables import bracket
+from flight_sw.records.fields import UNBOUNDED, Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 ALPHA_ROWS = 80
 MACH_ROWS = 16

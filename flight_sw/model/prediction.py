@@ -11,11 +11,11 @@ coefficients of the fix are kept; what is sensed now holds to the end.
 import math
 
 from flight_sw import icd
-from flight_sw.model.atmosphere import density
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
+from flight_sw.model.atmosphere import density
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 STEPS_MAX = 500  # of one path, then it ends where it is
 V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it

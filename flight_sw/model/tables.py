@@ -6,8 +6,8 @@ value. A NaN argument gives NaN.
 
 import math
 
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import F8
+from flight_sw.runtime.jit import kernel
 
 BISECTIONS_MAX = 32  # halves a grid of up to 2**32 values down to one interval
 

@@ -11,8 +11,8 @@ import numpy as np
 from flight_sw.reception import plausibility as gate
 from flight_sw.reception.receiver import COUNTER_MASK
 from flight_sw.records.dictionary import NAV
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import F8, Record
+from flight_sw.runtime.jit import kernel
 
 NAV_SLOTS = (gate.POSITION, gate.VERTICAL, gate.DIRECTION, gate.AERO, gate.ATTITUDE, gate.HEATING)
 GAP_MAX_CYCLES = 5  # between two sets of a candidate

@@ -14,9 +14,10 @@ import math
 import numpy as np
 
 from flight_sw import icd
-from flight_sw.reception import plausibility as gate
 from flight_sw.can.codec import unpack
 from flight_sw.can.e2e import counter_of
+from flight_sw.reception import plausibility as gate
+from flight_sw.reception.candidate import GAP_MAX_CYCLES, NAV_SLOTS, fill_nav, join, surprise
 from flight_sw.reception.receiver import (
     COUNTER_MASK,
     IMPLAUSIBLE,
@@ -30,9 +31,6 @@ from flight_sw.reception.receiver import (
     reclassify,
     refuse,
 )
-from flight_sw.reception.candidate import GAP_MAX_CYCLES, NAV_SLOTS, fill_nav, join, surprise
-from flight_sw.records.dictionary import TICK_ID
-from flight_sw.runtime.jit import kernel, seldom_kernel
 from flight_sw.reception.requests import (
     PRESENT,
     REQUEST,
@@ -42,7 +40,9 @@ from flight_sw.reception.requests import (
     take_presence,
     take_request,
 )
+from flight_sw.records.dictionary import TICK_ID
 from flight_sw.records.types_ import F8, Record
+from flight_sw.runtime.jit import kernel, seldom_kernel
 
 SET_SLOTS = (*NAV_SLOTS, gate.TIME)
 FIRST_NAV, LAST_NAV = min(SET_SLOTS), max(SET_SLOTS)

@@ -14,10 +14,10 @@ import math
 
 from flight_sw import icd
 from flight_sw.model.atmosphere import density
-from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.model.onboard import heat_flux, modelled_forces
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import F8, Record
+from flight_sw.runtime.jit import kernel
 
 POSITION = icd.slot("NAV_POSITION")
 VERTICAL = icd.slot("NAV_VERTICAL")

@@ -15,10 +15,10 @@ import numpy as np
 from flight_sw.can.codec import NO_SLOT, in_range, unpack
 from flight_sw.can.codec import OK as UNPACKED
 from flight_sw.can.e2e import counter_of, crc_ok
-from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, layout, value_index
-from flight_sw.runtime.jit import kernel
+from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.records.types_ import F8, Record
+from flight_sw.runtime.jit import kernel
 
 OK = 0
 LOST = 1  # accepted, but frames before it are missing

@@ -5,8 +5,8 @@ obeys the harness that armed it and no other.
 """
 
 from flight_sw import icd
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 REQUEST = icd.slot("GROUND_REQUEST")
 PRESENT = icd.slot("HARNESS_PRESENT")

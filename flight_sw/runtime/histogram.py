@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 SUB_BITS = 5
 SUB = 1 << SUB_BITS

@@ -8,7 +8,7 @@ import hashlib
 import secrets
 from pathlib import Path
 
-FLIGHT_ROOT = Path(__file__).parent
+FLIGHT_ROOT = Path(__file__).parents[1]
 SOURCE_SUFFIXES = (".py", ".dbc")
 NOBODY = 0
 ALONE = 1

@@ -34,7 +34,7 @@ VERSIONS = (
     numba.__version__, llvmlite.__version__, np.__version__, platform.python_version(),
 )  # fmt: skip
 SOURCE_SUFFIXES = (".py", ".dbc")
-FLIGHT_ROOT = Path(__file__).parent
+FLIGHT_ROOT = Path(__file__).parents[1]
 config: Any = numba.config
 NOWHERE = Path(os.devnull) / "kernels"  # cannot be made: kernels are compiled in memory
 

@@ -20,8 +20,8 @@ from flight_sw.records.dictionary import FRAME, RX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
 from sim_harness.bus.hub_log import RING_FRAMES, RING_MASK, TAP
 from sim_harness.flight.fence import memory_fence
-from sim_harness.jit import kernel
 from sim_harness.flight.logs import Logs, log_frame
+from sim_harness.jit import kernel
 
 NO_SOCKET = -1
 NO_FRAMES = np.zeros(0, FRAME)

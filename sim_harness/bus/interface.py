@@ -13,8 +13,8 @@ from typing import Any
 import can
 
 from flight_sw.can.address import open_bus
-from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
+from flight_sw.records.dictionary import FRAME
 
 CAN_FRAME = struct.Struct("<IB3x8s")  # struct can_frame
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000

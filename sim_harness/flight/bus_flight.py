@@ -9,8 +9,10 @@ from contextlib import ExitStack, contextmanager
 
 from flight_sw.can.address import frames_dropped, open_bus
 from flight_sw.can.sockets import new_io, send_frames
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY
 from flight_sw.errors import BusError, FlightError
+from flight_sw.reception.requests import ARM, STOP
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY
+from flight_sw.records.types_ import Frames
 from flight_sw.runtime.privileges import (
     MCL_CURRENT,
     leave_processor,
@@ -19,9 +21,7 @@ from flight_sw.runtime.privileges import (
     take_priority,
     unlock_memory,
 )
-from flight_sw.reception.requests import ARM, STOP
 from flight_sw.runtime.scheduling import run_in_bursts
-from flight_sw.records.types_ import Frames
 from sim_harness.bus.bus_listener import no_ear, socket_ear
 from sim_harness.bus.hub import Hub
 from sim_harness.bus.socket_path import bus_place
@@ -252,7 +252,9 @@ class BusFlight:
             finally:
                 os.sched_setaffinity(0, allowed)
                 unlock_memory()
-                run.punctuality = punctuality(run, before_s)
+                t_s = float(run.harness["truth"]["t_s"][0])
+                stolen = stolen_s() - before_s
+                run.punctuality = punctuality(run.pacer[0], run.plan.pace, t_s, stolen)
         else:
             run.fly(lambda: self.chunk(run.chunk_cycles))
 

@@ -15,7 +15,7 @@ from flight_sw.errors import FlightError
 from flight_sw.runtime.kernel_cache import NOTICE
 
 END_TIMEOUT_S = 3.0  # for the report and a clean exit after a stop request
-PACKAGE_PARENT = Path(__file__).resolve().parents[1]
+PACKAGE_PARENT = Path(__file__).resolve().parents[2]
 LAST_WORDS = 5  # lines of its standard error that are kept
 
 

@@ -18,20 +18,18 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.error_frames import account_of
-from flight_sw.reception.receiver import VERDICTS
 from flight_sw.computer import minor_frame, new_state
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.errors import FlightError
+from flight_sw.load_image import LoadImage, activate, parse_image
+from flight_sw.reception.receiver import VERDICTS
+from flight_sw.reception.requests import ARM, STOP
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
+from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.runtime.identity import ALONE, NOBODY, draw_number
 from flight_sw.runtime.kernel_cache import on_compiling
-from flight_sw.load_image import LoadImage, activate, parse_image
-from flight_sw.reception.requests import ARM, STOP
-from flight_sw.records.types_ import Frames, Record
 from sim_harness.bus.bus_listener import Ear
 from sim_harness.flight.error_watch import ErrorWatch
-from sim_harness.jit import kernel
-from sim_harness.telemetry.journal import BUS_ROWS, TRUTH_ROWS, Journal
 from sim_harness.flight.logs import BUS, COMMANDS, TRUTHS, Logs
 from sim_harness.flight.loop import (
     BUS_LOST,
@@ -41,14 +39,17 @@ from sim_harness.flight.loop import (
     fly_in_memory,
     hear_outside,
 )
-from sim_harness.mission.mission import Mission
-from sim_harness.world.navigation import beyond_the_bus, report_truth
 from sim_harness.flight.navigation_watch import NavigationWatch
 from sim_harness.flight.pacing import new_pacer
 from sim_harness.flight.port import new_port, put_request
 from sim_harness.flight.roles import RoleWatch
 from sim_harness.flight.slip_watch import SlipWatch, slips_so_far
+from sim_harness.jit import kernel
+from sim_harness.mission.mission import Mission
+from sim_harness.telemetry.journal import BUS_ROWS, TRUTH_ROWS, Journal
 from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.navigation import beyond_the_bus, report_truth
 from sim_harness.world.records import FLYING, OUTCOMES, TRUTH
 
 CHUNK_CYCLES = {"memory": 5000, "bus": 1000}  # minor frames flown between two looks at the outside
@@ -152,7 +153,7 @@ class FlightRun:
         self.harness["port"]["harness"] = self.number
         if plan.bus != "memory":
             self.harness["port"]["computer"] = NOBODY
-        self.pacer = new_pacer(plan)
+        self.pacer = new_pacer(plan.pace, plan.mission.dt_s)
         cycles = CHUNK_CYCLES["memory" if plan.bus == "memory" else "bus"]
         if plan.pace > 0.0:
             wanted = round(RING_S * plan.pace / plan.mission.dt_s)
@@ -261,13 +262,14 @@ class FlightRun:
             if self.plan.recorded or self.plan.truth_kept:
                 listener.rows(bus, truth)
             listener.progress(self)
+        port = self.harness["port"][0]
         if self.plan.bus != "memory":
-            self.warn(self.role_watch.look(time.monotonic(), self))
-        self.warn(self.error_watch.look(account_of(self.harness["port"]["errors"][0])))
+            self.warn(self.role_watch.look(time.monotonic(), self.plan.bus, port))
+        self.warn(self.error_watch.look(account_of(port["errors"])))
         for said in self.navigation_watch.look(self.harness[0]["navigation"]):
             self.warn(said)
         if self.plan.pace > 0.0:
-            self.warn(self.slip_watch.look(time.monotonic(), slips_so_far(self)))
+            self.warn(self.slip_watch.look(time.monotonic(), slips_so_far(self.pacer[0], port)))
 
     def warn(self, text: str) -> None:
         """Tell the listeners of something amiss; an empty text is nothing."""
@@ -319,10 +321,10 @@ def new_harness(plan: FlightPlan, load: npt.NDArray[np.void]) -> npt.NDArray[np.
     """The harness's records at entry, shape (1,)."""
     mission = plan.mission
     harness = np.zeros(1, HARNESS)
-    world = mission.world(plan.seed)
+    world = world_of(mission, plan.seed)
     harness["world"] = world
     harness["codec"] = load["codec"]
-    harness["truth"] = mission.truth(plan.seed, world)
+    harness["truth"] = truth_of(mission, plan.seed, world)
     refuse_beyond_the_bus(mission, harness["truth"][0])
     harness["navigation"]["seed"] = plan.seed
     truth = harness["truth"][0]

@@ -14,14 +14,12 @@ from flight_sw.can.codec import CODEC
 from flight_sw.can.libc import monotonic_ns
 from flight_sw.can.sockets import recv_frames, send_frames
 from flight_sw.computer import minor_frame
-from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
-from flight_sw.runtime.histogram import add
 from flight_sw.modes import STANDBY
 from flight_sw.reception.requests import ARM
+from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.histogram import add
 from sim_harness.bus.bus_listener import Ear, hear
-from sim_harness.jit import kernel
-from sim_harness.telemetry.journal import JOURNAL, NONE, keep_bus, keep_truth
 from sim_harness.flight.logs import (
     BUS,
     N_LOGS,
@@ -33,7 +31,6 @@ from sim_harness.flight.logs import (
     log_truth,
 )
 from sim_harness.flight.metrics import METRICS, judge_frame
-from sim_harness.world.navigation import NAV_STATE, measure
 from sim_harness.flight.port import (
     FLYING_HERE,
     PORT,
@@ -42,8 +39,11 @@ from sim_harness.flight.port import (
     put_request,
     take,
 )
-from sim_harness.world.vehicle import advance, ended
+from sim_harness.jit import kernel
+from sim_harness.telemetry.journal import JOURNAL, NONE, keep_bus, keep_truth
+from sim_harness.world.navigation import NAV_STATE, measure
 from sim_harness.world.records import FLYING, TRUTH, WORLD
+from sim_harness.world.vehicle import advance, ended
 
 BUS_LOST = 101
 COMPUTER_SILENT = 102

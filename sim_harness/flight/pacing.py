@@ -8,18 +8,17 @@ loop runs in a thread of its own and never waits for whoever takes its logs.
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flight_sw.can.libc import monotonic_ns, sched_yield, sleep_until_ns
 from flight_sw.can.sockets import recv_frames, send_frames
-from flight_sw.records.dictionary import RX_CAPACITY
-from flight_sw.runtime.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from flight_sw.reception.requests import ARM, STOP
+from flight_sw.records.dictionary import RX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from sim_harness.bus.bus_listener import hear
-from sim_harness.jit import kernel
 from sim_harness.flight.logs import Logs, publish
 from sim_harness.flight.loop import (
     BUS_LOST,
@@ -33,10 +32,8 @@ from sim_harness.flight.loop import (
     request_over_bus,
     take_answer,
 )
+from sim_harness.jit import kernel
 from sim_harness.world.records import FLYING
-
-if TYPE_CHECKING:
-    from sim_harness.flight.flight import FlightPlan, FlightRun
 
 PACER = np.dtype(
     [
@@ -69,25 +66,24 @@ NS_PER_MS = 1_000_000
 PROCESSOR_TIMES, STOLEN_AT = Path("/proc/stat"), 8
 
 
-def new_pacer(plan: "FlightPlan") -> np.ndarray:
-    """A pacer that has not begun, shape (1,)."""
+def new_pacer(pace: float, dt_s: float) -> np.ndarray:
+    """A pacer that has not begun, shape (1,); in lockstep, a pace of 0, it has no period."""
     pacer = np.zeros(1, PACER)
-    if plan.pace > 0.0:
-        period_s = plan.mission.dt_s / plan.pace
+    if pace > 0.0:
+        period_s = dt_s / pace
         pacer["period_ns"] = round(period_s * 1e9)
-        silence_s = max(SILENCE_S / plan.pace, SILENCE_MIN_S, SILENCE_PERIODS * period_s)
+        silence_s = max(SILENCE_S / pace, SILENCE_MIN_S, SILENCE_PERIODS * period_s)
         pacer["silence_max_ns"] = round(silence_s * 1e9)
     return pacer
 
 
-def pace_so_far(run: "FlightRun") -> float:
-    """Mission seconds per second of the clock since the first frame."""
-    pacer = run.pacer[0]
+def pace_so_far(pacer: Record, t_s: float) -> float:
+    """Mission seconds per second of the clock since the first frame, at mission time `t_s`."""
     start_ns = int(pacer["start_ns"])
     if start_ns == 0:
         return 0.0
     elapsed_ns = (int(pacer["end_ns"]) or time.monotonic_ns()) - start_ns
-    return float(run.harness["truth"]["t_s"][0]) / max(elapsed_ns, 1) * 1e9
+    return t_s / max(elapsed_ns, 1) * 1e9
 
 
 def stolen_s(path: Path = PROCESSOR_TIMES) -> float:
@@ -102,16 +98,18 @@ def stolen_s(path: Path = PROCESSOR_TIMES) -> float:
     return int(first[STOLEN_AT]) / os.sysconf("SC_CLK_TCK") if len(first) > STOLEN_AT else 0.0
 
 
-def punctuality(run: "FlightRun", stolen_before_s: float) -> dict[str, Any]:
-    """What the summary tells of a paced flight on the harness's side."""
-    pacer = run.pacer[0]
-    reached = pace_so_far(run)
+def punctuality(pacer: Record, pace: float, t_s: float, stolen: float) -> dict[str, Any]:
+    """What the summary tells on the harness's side of a flight with this pace until `t_s`.
+
+    `stolen` is the processor time in seconds that a hypervisor gave to others meanwhile.
+    """
+    reached = pace_so_far(pacer, t_s)
     return {
         "harness_slips": int(pacer["slips"]),
         "late_commands": int(pacer["late_commands"]),
         "pace_reached": reached,
-        "pace_held": bool(pacer["slips"] == 0 and reached >= HELD_RATIO * run.plan.pace),
-        "stolen_s": round(stolen_s() - stolen_before_s, 2),
+        "pace_held": bool(pacer["slips"] == 0 and reached >= HELD_RATIO * pace),
+        "stolen_s": round(stolen, 2),
         "harness_late_max_us": float(pacer["late_max_ns"]) / 1e3,
         "harness_wake_up_us": percentiles_us(pacer["wake_up"]),
         "round_trip_us": percentiles_us(pacer["round_trip"]),

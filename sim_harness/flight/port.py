@@ -11,16 +11,6 @@ from flight_sw.can.address import ERROR_FLAG
 from flight_sw.can.codec import pack, unpack
 from flight_sw.can.e2e import counter_of, crc_ok, protect
 from flight_sw.can.error_frames import ERRORS, note_error
-from flight_sw.reception.receiver import (
-    FOREIGN,
-    RX_STATE,
-    accept,
-    is_valid,
-    judge,
-    receiver_tick,
-    refuse,
-)
-from flight_sw.reception.candidate import NAV_SLOTS
 from flight_sw.computer import (
     ALPHA_CMD,
     ALPHA_SATURATED,
@@ -39,8 +29,17 @@ from flight_sw.computer import (
     TRACKING,
     seal_of,
 )
-from flight_sw.runtime.identity import ALONE, NOBODY
+from flight_sw.reception.candidate import NAV_SLOTS
 from flight_sw.reception.plausibility import TIME
+from flight_sw.reception.receiver import (
+    FOREIGN,
+    RX_STATE,
+    accept,
+    is_valid,
+    judge,
+    receiver_tick,
+    refuse,
+)
 from flight_sw.reception.requests import (
     PRESENT,
     PRESENT_COMPUTER,
@@ -52,6 +51,7 @@ from flight_sw.reception.requests import (
     REQUEST_HARNESS,
 )
 from flight_sw.records.types_ import Frames, Record
+from flight_sw.runtime.identity import ALONE, NOBODY
 from sim_harness.jit import kernel
 
 SENT_SLOTS = (*NAV_SLOTS, TIME)

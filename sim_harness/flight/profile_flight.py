@@ -3,9 +3,9 @@
 from flight_sw.guidance.drag.bank_profile import nominal_bank
 from flight_sw.records.types_ import Frames, Record
 from sim_harness.jit import kernel
-from sim_harness.world.vehicle import advance, ended
 from sim_harness.world.motion import rates
 from sim_harness.world.records import FLYING
+from sim_harness.world.vehicle import advance, ended
 
 
 @kernel

@@ -12,20 +12,17 @@ import socket
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from flight_sw.announcer import ARMED, READY
 from flight_sw.can.plain import plain_frame, read_plain
-from flight_sw.reception.receiver import FOREIGN
-from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import FlightError
 from flight_sw.icd import value_index
+from flight_sw.reception.receiver import FOREIGN
+from flight_sw.records.dictionary import FRAME
+from flight_sw.records.types_ import Record
 from flight_sw.runtime.identity import NOBODY, SOURCES, name_of
 from sim_harness.flight.port import FLYING_HERE, WAITING
 from sim_harness.flight.slip_watch import SILENCE_MAX_S, SILENCE_MIN_S
-
-if TYPE_CHECKING:
-    from sim_harness.flight.flight import FlightRun
 
 LISTEN_S = 0.25  # before the first word, and again before a computer is started or armed
 SAY_S = 0.05
@@ -212,9 +209,8 @@ class RoleWatch:
         self._computer_told = NOBODY
         self._silence_s, self._next_s = SILENCE_MIN_S, 0.0
 
-    def look(self, now_s: float, run: "FlightRun") -> str:
+    def look(self, now_s: float, bus: str, port: Record) -> str:
         """A sentence if there is something new and it is time to say so, otherwise empty."""
-        port, bus = run.harness["port"][0], run.plan.bus
         computer = int(port["other_computer"])
         if computer not in (NOBODY, self._computer_told):
             self._computer_told = computer
@@ -222,7 +218,7 @@ class RoleWatch:
                 f"flight computer {name_of(computer)} announces itself on {bus} "
                 f"beside {name_of(int(port['computer']))}"
             )
-        heard = foreign_frames(run)
+        heard = foreign_frames(port)
         new = tuple(max(a - b, 0) for a, b in zip(heard, self._told, strict=True))
         if now_s < self._next_s or not any(new):
             return ""
@@ -237,7 +233,6 @@ class RoleWatch:
         )
 
 
-def foreign_frames(run: "FlightRun") -> tuple[int, int]:
+def foreign_frames(port: Record) -> tuple[int, int]:
     """Frames of others under the harness's identifiers, and as told under the computer's."""
-    port = run.harness["port"][0]
     return int(port["rx"]["counted"][FOREIGN]), int(port["received"][FOREIGN_TOLD])

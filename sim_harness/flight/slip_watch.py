@@ -5,12 +5,10 @@ halves the next. A flight that slips all the time says so a few times, one that 
 at once.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from flight_sw import icd
-
-if TYPE_CHECKING:
-    from sim_harness.flight.flight import FlightRun
+from flight_sw.records.types_ import Record
 
 SILENCE_MIN_S, SILENCE_MAX_S = 1.0, 64.0
 COMPUTER_SLIPS = icd.value_index("FSW_TIMING", "slips")
@@ -31,10 +29,10 @@ class Slips(NamedTuple):
         return Slips(*(max(a - b, 0) for a, b in zip(self, other, strict=True)))
 
 
-def slips_so_far(run: "FlightRun") -> Slips:
+def slips_so_far(pacer: Record, port: Record) -> Slips:
     """As the harness counts, and as the flight computer last told."""
-    pacer, received = run.pacer[0], run.harness["port"]["received"][0]
-    return Slips(int(pacer["slips"]), int(received[COMPUTER_SLIPS]), int(pacer["late_commands"]))
+    computer = int(port["received"][COMPUTER_SLIPS])
+    return Slips(int(pacer["slips"]), computer, int(pacer["late_commands"]))
 
 
 class SlipWatch:

@@ -6,8 +6,8 @@ from typing import Any
 
 from flight_sw.can.error_frames import account_of
 from flight_sw.reception.receiver import LOST, OK, VERDICTS
-from flight_sw.runtime.identity import name_of
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.identity import name_of
 from sim_harness.flight.flight import FlightRun, verdicts
 from sim_harness.flight.navigation_watch import held_values
 from sim_harness.flight.outcomes import limits_exceeded, outcome_class

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from flight_sw.model.great_circle import range_flown
 from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
-from sim_harness.world.vehicle import is_low, is_slow, is_there
 from sim_harness.world.motion import rates
 from sim_harness.world.records import END_CONDITION
+from sim_harness.world.vehicle import is_low, is_slow, is_there
 
 TRIGGERS = (("speed", is_slow), ("altitude", is_low), ("target", is_there))
 

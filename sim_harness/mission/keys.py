@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from flight_sw import icd
-from flight_sw.model.atmosphere import KNOTS_MAX
 from flight_sw.guidance.heat_flux import nominal
 from flight_sw.limits import AXIS_LIMITS
 from flight_sw.load_image import ATMOSPHERE_TABLE
+from flight_sw.model.atmosphere import KNOTS_MAX
 from flight_sw.model.onboard import AERO_TABLE, HEATING, PLANET, VEHICLE
 from sim_harness.mission.air_keys import AerodynamicDeviation, DensityDeviation
 from sim_harness.mission.quantities import (

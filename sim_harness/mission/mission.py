@@ -1,11 +1,10 @@
-"""Missions: loading a shipped one or a file of one's own, with overrides, and its records."""
+"""Missions as files state them: a shipped one or a file of one's own, with overrides."""
 
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
@@ -36,16 +35,16 @@ from sim_harness.mission.keys import (
     Vehicle,
 )
 from sim_harness.mission.navigation_keys import Navigation
-from sim_harness.mission.site_keys import NoFlyZone, Waypoint
 from sim_harness.mission.quantities import Section, Text, is_name, plain, refusal
+from sim_harness.mission.site_keys import NoFlyZone, Waypoint
 
-SHIPPED = Path(__file__).parent / "missions"
-GAINS = Path(__file__).parents[1] / "gains"
+SHIPPED = Path(__file__).parents[1] / "missions"
+GAINS = Path(__file__).parents[2] / "gains"
 SUFFIX = ".toml"
 
 
 class Mission(Section):
-    """A mission as its file states it, in the file's units; `world` and `truth` are in SI."""
+    """A mission as its file states it, in the file's units; its world is made in SI from it."""
 
     name: Annotated[
         str, Text("short name, used for folders", "lower-case letters, digits, . _ -", is_name)
@@ -122,21 +121,6 @@ class Mission(Section):
         }
         return self.model_copy(update=changes)
 
-    def world(self, seed: int = 0) -> np.ndarray:
-        """The WORLD record of the flight with a seed, shape (1,), read-only."""
-        from sim_harness.world.assembly import world_record
-
-        return world_record(self, seed)
-
-    def truth(self, seed: int = 0, world: np.ndarray | None = None) -> np.ndarray:
-        """The TRUTH record at entry, shape (1,), derived fields filled.
-
-        `world` is that of the seed, where it has been made before.
-        """
-        from sim_harness.world.assembly import truth_record
-
-        return truth_record(self, self.world(seed) if world is None else world)
-
 
 class Shipped(NamedTuple):
     """A mission that comes with the package."""
@@ -154,20 +138,23 @@ def list_missions() -> list[Shipped]:
     return found
 
 
-def load_mission(
+def read_mission(
     name_or_path: str | Path, overrides: Mapping[str, float | str] | None = None
 ) -> Mission:
-    """A shipped mission by name, or one's own by the path of its TOML file."""
+    """A shipped mission by name, or one's own by the path of its TOML file, not yet tried out.
+
+    `world.missions.load_mission` also refuses what cannot be flown.
+    """
     path = find(name_or_path)
     raw = read_toml(path)
     label = path.name
     if overrides:
         apply(raw, overrides)
         label = f"{path.name} with overrides"
-    return mission_of(raw, path, label)
+    return stated_mission(raw, path, label)
 
 
-def mission_of(raw: dict[str, Any], path: Path, label: str) -> Mission:
+def stated_mission(raw: dict[str, Any], path: Path, label: str) -> Mission:
     """The mission that a file's tables state; `label` is what a refusal calls them."""
     if "dispersions" in raw:
         raw = {**raw, "dispersions": grouped(raw["dispersions"])}
@@ -176,7 +163,6 @@ def mission_of(raw: dict[str, Any], path: Path, label: str) -> Mission:
     except ValidationError as error:
         raise MissionError("\n".join(sentences(Mission, raw, error, label))) from None
     mission._path = path
-    mission.world()  # reads what the mission refers to, and refuses what cannot be flown
     return mission
 
 
@@ -216,7 +202,7 @@ def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
 def differences(mission: Mission) -> dict[str, float | str]:
     """The keys in which a mission differs from its file, with its values: as overrides."""
     found: dict[str, float | str] = {}
-    own, plain = mission.model_dump(), load_mission(mission.path).model_dump()
+    own, plain = mission.model_dump(), read_mission(mission.path).model_dump()
     for key in leaf_keys(Mission, own):
         value, stated = _value_at(own, key), _value_at(plain, key)
         if value != stated and isinstance(value, float | int | str):

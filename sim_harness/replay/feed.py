@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.e2e import counter_of
-from flight_sw.reception.receiver import HEARD_MODULUS, slot_of
 from flight_sw.computer import (
     COMMAND,
     COUNTER_MODULUS,
@@ -21,9 +20,10 @@ from flight_sw.computer import (
     seal_of,
     step,
 )
-from flight_sw.records.dictionary import FRAME, TX_CAPACITY
 from flight_sw.executive import COUNT_MAX
 from flight_sw.reception.navigation_set import receive
+from flight_sw.reception.receiver import HEARD_MODULUS, slot_of
+from flight_sw.records.dictionary import FRAME, TX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
 from sim_harness.jit import kernel
 

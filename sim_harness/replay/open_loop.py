@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.reception.receiver import slot_of
 from flight_sw.computer import COMMAND, CYCLE_MODULUS, STATUS, step
 from flight_sw.errors import RecordingError
 from flight_sw.load_image import LoadImage
 from flight_sw.reception.navigation_set import receive
+from flight_sw.reception.receiver import slot_of
 from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.replay.feed import HEARD, Computers, Script, new_script

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.reception.receiver import HEARD_MODULUS
 from flight_sw.computer import new_state
-from flight_sw.runtime.identity import ALONE
 from flight_sw.load_image import LoadImage, activate
+from flight_sw.reception.receiver import HEARD_MODULUS
 from flight_sw.records.types_ import Frames
+from flight_sw.runtime.identity import ALONE
 from sim_harness.replay.beginning import find_beginning
 from sim_harness.replay.feed import (
     ANSWER,

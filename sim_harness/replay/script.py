@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.address import ERROR_FLAG
-from flight_sw.records.dictionary import TICK_ID
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message
-from flight_sw.runtime.identity import ALONE
 from flight_sw.load_image import LoadImage, parse_image
+from flight_sw.records.dictionary import TICK_ID
+from flight_sw.runtime.identity import ALONE
 from sim_harness.replay.feed import ANSWER, HEARD, NEITHER, REPORT, TIMED
 from sim_harness.telemetry.reader import Recording
 

@@ -17,11 +17,11 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.can.crc import POSITIONS, counter_table, crc_table
-from flight_sw.records.dictionary import CAN_ID_MASK
-from flight_sw.runtime.echo import echoed
 from flight_sw.errors import IcdError, RecordingError
 from flight_sw.icd import FRAME_BYTES, Message
+from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.records.types_ import F8, U8
+from flight_sw.runtime.echo import echoed
 from sim_harness.jit import kernel
 
 I8 = npt.NDArray[np.int64]

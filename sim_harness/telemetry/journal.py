@@ -22,9 +22,9 @@ import numpy.typing as npt
 from numba import types
 
 from flight_sw.can.libc import IOVEC, c_function, last_errno
-from flight_sw.runtime.echo import is_plain_name
 from flight_sw.errors import RecordingError
 from flight_sw.records.types_ import U8, Record
+from flight_sw.runtime.echo import is_plain_name
 from sim_harness.jit import kernel
 from sim_harness.telemetry.files import read_whole
 from sim_harness.telemetry.records import BUS_LOG, TIME_MAX_S

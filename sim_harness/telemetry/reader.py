@@ -18,13 +18,13 @@ import numpy.typing as npt
 from google.protobuf.message import DecodeError
 
 from flight_sw import icd
-from flight_sw.runtime.echo import echoed
 from flight_sw.errors import IcdError, RecordingError
-from sim_harness.telemetry.journal import Kept, read_journal
+from flight_sw.runtime.echo import echoed
 from sim_harness.telemetry import scan
 from sim_harness.telemetry.decode import NO_SLOT, Decoder, decoder_of
 from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.files import read_whole
+from sim_harness.telemetry.journal import Kept, read_journal
 from sim_harness.telemetry.records import BUS_LOG, RECORDING_NAME, LogLevel, LogLine
 from sim_harness.telemetry.rows import bus_rows, check_times, frame_counts, truth_rows
 from sim_harness.telemetry.schema import (

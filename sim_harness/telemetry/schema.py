@@ -19,9 +19,9 @@ from google.protobuf.descriptor_pb2 import (
 )
 from google.protobuf.message import DecodeError
 
-from flight_sw.runtime.echo import echoed, is_plain_name
 from flight_sw.errors import RecordingError
 from flight_sw.icd import Message, Signal
+from flight_sw.runtime.echo import echoed, is_plain_name
 
 PACKAGE = "aeroshell"
 DESCRIPTORS_BYTES_MAX = 1 << 16  # of a schema that is read

@@ -24,8 +24,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata
 from mcap.records import Schema as SchemaRecord
 
-from flight_sw.runtime.echo import echoed
 from flight_sw.errors import RecordingError
+from flight_sw.runtime.echo import echoed
 from sim_harness.telemetry import scan
 from sim_harness.telemetry.container import COMPRESSION, MAGIC
 from sim_harness.telemetry.schema import Schema

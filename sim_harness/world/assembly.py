@@ -3,14 +3,12 @@
 import math
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from flight_sw.errors import MissionError
 from sim_harness.mission import documents
-from sim_harness.world import vehicle
-from sim_harness.world.assembly_navigation import fill_navigation
 from sim_harness.mission.keys import (
     Axis,
     ConstantAerodynamics,
@@ -20,21 +18,20 @@ from sim_harness.mission.keys import (
     TableAtmosphere,
     Us76Atmosphere,
 )
-from sim_harness.world.profiles import air_record
-from sim_harness.world.ground_track import fill_way
+from sim_harness.mission.mission import Mission
 from sim_harness.world import atmosphere as atmospheres
-from sim_harness.world import records
+from sim_harness.world import records, vehicle
+from sim_harness.world.assembly_navigation import fill_navigation
 from sim_harness.world.frames import Velocity, relative_from_inertial
-
-if TYPE_CHECKING:
-    from sim_harness.mission.mission import Mission
+from sim_harness.world.ground_track import fill_way
+from sim_harness.world.profiles import air_record
 
 FULL_TURN_DEG = 360.0
 CSV_COLUMNS = ("altitude_km", "density_kgpm3", "sound_speed_mps", "temperature_k")
 
 
-def world_record(mission: "Mission", seed: int) -> np.ndarray:
-    """The WORLD record of a mission's flight, shape (1,), read-only."""
+def world_of(mission: Mission, seed: int = 0) -> np.ndarray:
+    """The WORLD record of a mission's flight with a seed, shape (1,), read-only."""
     world = np.zeros(1, records.WORLD)
     world["dt_s"] = mission.dt_s
     planet = mission.planet
@@ -71,7 +68,7 @@ def heating_row(heating: Heating | None) -> tuple[float, float, float]:
     return heating.factor_si, heating.density_exponent, heating.speed_exponent
 
 
-def fill_aerodynamics(record: np.ndarray, mission: "Mission") -> None:
+def fill_aerodynamics(record: np.ndarray, mission: Mission) -> None:
     """Writes mass, area and the chosen model."""
     record["mass_kg"] = mission.vehicle.mass_kg
     record["area_m2"] = mission.vehicle.reference_area_m2
@@ -112,7 +109,7 @@ def actuator_row(axis: Axis, dt_s: float) -> tuple[float, ...]:
 us76_record = lru_cache(maxsize=1)(atmospheres.us_standard_1976)
 
 
-def atmosphere_record(mission: "Mission") -> np.ndarray:
+def atmosphere_record(mission: Mission) -> np.ndarray:
     """The ATMOSPHERE record, checked to reach up to the entry altitude."""
     model = mission.atmosphere
     if isinstance(model, ExponentialAtmosphere):
@@ -194,8 +191,13 @@ def read_csv(path: Path) -> dict[str, Any]:
     return columns
 
 
-def truth_record(mission: "Mission", world: np.ndarray) -> np.ndarray:
-    """The TRUTH record at entry into a world, shape (1,), with the derived fields filled."""
+def truth_of(mission: Mission, seed: int = 0, world: np.ndarray | None = None) -> np.ndarray:
+    """The TRUTH record at entry, shape (1,), with the derived fields filled.
+
+    `world` is that of the seed, where it has been made before.
+    """
+    if world is None:
+        world = world_of(mission, seed)
     entry = mission.entry
     velocity = Velocity(
         entry.speed_mps,

@@ -1,16 +1,13 @@
 """From the keys of `[navigation]` to its record: units turn to SI here."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flight_sw.errors import MissionError
-from sim_harness.world.navigation import CHANNELS, DRAG, HEAT_FLUX, LATENCY_MAX_REPORTS, LIFT
+from sim_harness.mission.mission import Mission
 from sim_harness.mission.navigation_keys import Navigation
-
-if TYPE_CHECKING:
-    from sim_harness.mission.mission import Mission
+from sim_harness.world.navigation import CHANNELS, DRAG, HEAT_FLUX, LATENCY_MAX_REPORTS, LIFT
 
 DROPOUT_KEYS = {"dropout_ratio", "dropout_s", "dropout_of"}
 
@@ -55,7 +52,7 @@ def share(dt_s: float, time_s: float) -> float:
     return 1.0 if time_s == 0.0 else -math.expm1(-dt_s / time_s)
 
 
-def latency_reports(mission: "Mission") -> int:
+def latency_reports(mission: Mission) -> int:
     """Latency in whole reports."""
     latency_s = mission.navigation.latency_s
     reports = round(latency_s / mission.dt_s)
@@ -67,7 +64,7 @@ def latency_reports(mission: "Mission") -> int:
     return reports
 
 
-def fill_navigation(record: np.ndarray, mission: "Mission") -> None:
+def fill_navigation(record: np.ndarray, mission: Mission) -> None:
     """Writes the NAVIGATION record, shape (1,)."""
     keys, dt_s = mission.navigation, mission.dt_s
     record["has_errors"] = bool(set(keys.errors()) - DROPOUT_KEYS)

@@ -1,15 +1,12 @@
 """The great circle from a mission's entry to its target, as world and flight computer take it."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flight_sw.errors import MissionError
 from flight_sw.records.types_ import Record
-
-if TYPE_CHECKING:
-    from sim_harness.mission.mission import Mission
+from sim_harness.mission.mission import Mission
 
 APART_MIN_RATIO = 1e-6  # of the radius: a target nearer to the entry gives no direction
 
@@ -20,7 +17,7 @@ def direction(lon_deg: float, lat_deg: float) -> np.ndarray:
     return np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
 
 
-def fill_way(way: Record, mission: "Mission") -> None:
+def fill_way(way: Record, mission: Mission) -> None:
     """Writes the way; refuses a mission without target, or one at the entry or opposite to it."""
     target, entry = mission.target, mission.entry
     if target is None:

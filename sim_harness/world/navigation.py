@@ -17,8 +17,8 @@ from flight_sw import icd
 from flight_sw.icd import value_index
 from flight_sw.reception.plausibility import wrapped
 from flight_sw.records.types_ import F8, Record
-from sim_harness.world import noise
 from sim_harness.jit import kernel
+from sim_harness.world import noise
 from sim_harness.world.noise import gaussians, uniforms
 from sim_harness.world.records import NAV_CHANNELS, NAV_PAIRS
 

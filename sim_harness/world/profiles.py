@@ -7,20 +7,17 @@ makes the record, twice differentiable, so that it does not spoil the order of t
 """
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from flight_sw.errors import MissionError
-from sim_harness.world import noise
 from sim_harness.jit import kernel
+from sim_harness.mission.mission import Mission
+from sim_harness.world import noise
 from sim_harness.world.noise import gaussians
 from sim_harness.world.records import AIR, AIR_CELLS
-
-if TYPE_CHECKING:
-    from sim_harness.mission.mission import Mission
 
 F8 = npt.NDArray[np.float64]
 
@@ -70,7 +67,7 @@ def cells(edges_m: F8, values: F8) -> F8:
     return np.asarray(spline.c[::-1].T * step_m ** np.arange(4.0))
 
 
-def checked_length_m(mission: "Mission", key: str, length_km: float, step_m: float) -> float:
+def checked_length_m(mission: Mission, key: str, length_km: float, step_m: float) -> float:
     """A correlation length that the cells can tell."""
     shortest_km = CELLS_PER_LENGTH * step_m / 1e3
     if length_km < shortest_km:
@@ -81,7 +78,7 @@ def checked_length_m(mission: "Mission", key: str, length_km: float, step_m: flo
     return length_km * 1e3
 
 
-def density_profile(mission: "Mission", seed: int, edges_m: F8) -> F8:
+def density_profile(mission: Mission, seed: int, edges_m: F8) -> F8:
     """Logarithm of true over nominal density."""
     keys = mission.atmosphere
     values = np.full(edges_m.size, math.log(keys.density_factor))
@@ -98,7 +95,7 @@ def density_profile(mission: "Mission", seed: int, edges_m: F8) -> F8:
     return values
 
 
-def wind_profile(mission: "Mission", seed: int, edges_m: F8, stream: int) -> F8:
+def wind_profile(mission: Mission, seed: int, edges_m: F8, stream: int) -> F8:
     """Wind towards the east, or the north, by the stream of its random part."""
     keys = mission.wind
     is_east = stream == noise.WIND_EAST
@@ -116,7 +113,7 @@ def wind_profile(mission: "Mission", seed: int, edges_m: F8, stream: int) -> F8:
     return values
 
 
-def air_record(mission: "Mission", seed: int) -> np.ndarray:
+def air_record(mission: Mission, seed: int) -> np.ndarray:
     """The AIR record of one flight, shape (1,), from the ground to the entry altitude."""
     air = np.zeros(1, AIR)
     edges_m = np.linspace(0.0, mission.entry.altitude_km * 1e3, AIR_CELLS + 1)

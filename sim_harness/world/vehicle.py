@@ -9,8 +9,8 @@ import math
 from flight_sw.model.atmosphere import sound_speed
 from flight_sw.model.great_circle import range_flown
 from flight_sw.records.types_ import Record
-from sim_harness.world.actuators import follow, is_ideal
 from sim_harness.jit import kernel
+from sim_harness.world.actuators import follow, is_ideal
 from sim_harness.world.aerodynamics import true_areas
 from sim_harness.world.air import aero_accelerations, airspeed, true_density
 from sim_harness.world.heating import heat_flux

@@ -17,9 +17,9 @@ from flight_sw.announcer import ARMED, COMPILING, READY, Announcer, boot_frames
 from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
 from flight_sw.can.plain import CAN_FRAME, checksum, plain_frame, read_plain
+from flight_sw.guidance import LAWS
 from flight_sw.reception.receiver import OK, RX_STATE, judge
 from flight_sw.records.dictionary import FRAME
-from flight_sw.guidance import LAWS
 from flight_sw.runtime.identity import SOURCES, sources_sha256
 from sim_harness.bus.hub import Hub
 from tests.system.flights import ROOT, built

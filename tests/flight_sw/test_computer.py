@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flight_sw import icd, modes
+from flight_sw.reception.requests import STOP
 from flight_sw.records import status
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID
-from flight_sw.reception.requests import STOP
 from tests.system.flights import (
     NAV_FRAMES,
     Computer,

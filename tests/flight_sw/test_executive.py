@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flight_sw.can.sockets import new_io
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from flight_sw.executive import BUS_LOST, EXECUTIVE, RUNNING, STOPPED, serve
 from flight_sw.reception.requests import STOP
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from tests.flight_sw.test_reception import altered
 from tests.system.flights import Computer, Frames, commands, recorded, request
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from flight_sw.runtime import jit
-from flight_sw.runtime import kernel_cache
+from flight_sw.runtime import jit, kernel_cache
 from flight_sw.runtime.kernel_cache import FOLDERS_KEPT, MARK, KernelFolder
 
 SAVERS, KEYS = 4, 40

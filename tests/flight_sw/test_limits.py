@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flight_sw import limits
-from flight_sw.records import status
 from flight_sw.errors import LoadError
 from flight_sw.limits import AXIS_LIMITS, LIMITER, UNLIMITED, limit, stoppable_rate
+from flight_sw.records import status
 
 DT_S = 0.02
 ROUND_OFF_RAD = 1e-10  # of a thousand frames that each take the rate from a difference

@@ -11,7 +11,6 @@ import pytest
 
 from flight_sw import guidance, icd
 from flight_sw.errors import LoadError
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.load_image import (
     HEADER,
     activate,
@@ -22,6 +21,7 @@ from flight_sw.load_image import (
     parse_image,
     read_image,
 )
+from flight_sw.records.fields import Field, RecordSpec
 from tests.flight_sw.guidance.heat_flux.guidance_twin import values_of
 from tests.system.flights import ALL_LAWS, MISSION, any_built, built
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flight_sw.records import status
 from flight_sw.errors import LoadError
 from flight_sw.estimation.observers import DESIGN, STATE, expect, observe
+from flight_sw.records import status
 from tools.gains.observer import discrete, fill_observer
 from tools.gains.schema import Observer
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flight_sw import icd
-from flight_sw.reception import plausibility as gate
 from flight_sw.computer import new_state
+from flight_sw.reception import plausibility as gate
 from flight_sw.reception.plausibility import plausible, unit_position, wrapped
 from tests.system.flights import built
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from flight_sw.model import prediction
+from flight_sw.model.onboard import PLANET
 from flight_sw.records import status
 from flight_sw.records.dictionary import NAV
-from flight_sw.model.onboard import PLANET
 from sim_harness.world import atmosphere
-from tests.flight_sw.mars_cases import LIFT_TO_DRAG, MU, RADIUS_M, RHO0, SCALE_M, Case, fix_near
 from tests.flight_sw.guidance.drag.prediction_twin import Plan, Vehicle, end_of
+from tests.flight_sw.mars_cases import LIFT_TO_DRAG, MU, RADIUS_M, RHO0, SCALE_M, Case, fix_near
 
 AIR = atmosphere.exponential(RHO0, SCALE_M, 220.0)[0]
 PLAN = Plan(math.radians(56.0), math.radians(47.0), 6750.0, 503.0, 503.0, 10e3)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flight_sw import icd
-from flight_sw.reception import receiver
 from flight_sw.can.codec import build_codec
+from flight_sw.reception import receiver
 from flight_sw.reception.receiver import (
     FOREIGN,
     IMPLAUSIBLE,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from flight_sw.runtime.identity import ALONE
 from flight_sw.reception.requests import ARM, STOP
+from flight_sw.runtime.identity import ALONE
 from tests.flight_sw.test_computer import modes_of, value
 from tests.system.flights import Computer, Recorded, commands, presence, recorded, request
 

@@ -19,11 +19,11 @@ from flight_sw.can import sockets
 from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
 from flight_sw.can.libc import MMSGHDR, monotonic_ns, sleep_until_ns
-from flight_sw.reception.receiver import RX_STATE, judge
 from flight_sw.can.sockets import BUS_LOST, new_io, recv_frames, send_frames
-from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
 from flight_sw.icd import N_VALUES
+from flight_sw.reception.receiver import RX_STATE, judge
+from flight_sw.records.dictionary import FRAME
 
 ALLOCATIONS = ("NRT_Allocate", "NRT_MemInfo_alloc")
 Pair = tuple[socket.socket, socket.socket]

@@ -9,8 +9,8 @@ import pytest
 
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.executive import EXECUTIVE, RUNNING, SYNCHRONISATIONS, serve
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from tests.system.flights import recorded
 
 pytestmark = [pytest.mark.jit_only, pytest.mark.alone]

@@ -24,9 +24,9 @@ from mcap.records import Attachment, Chunk, McapRecord, Metadata
 from flight_sw import icd
 from flight_sw.errors import AeroshellError
 from sim_harness.telemetry import journal
-from sim_harness.telemetry.journal import Journal, journal_path
 from sim_harness.telemetry.container import MAGIC, record_bytes
 from sim_harness.telemetry.decode import Decoder, messages_of
+from sim_harness.telemetry.journal import Journal, journal_path
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
 from sim_harness.telemetry.writer import CHECKSUM, MANIFEST, RecordingWriter, checksum_of

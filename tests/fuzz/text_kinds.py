@@ -12,20 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from flight_sw.records.fields import RecordSpec
 from flight_sw.load_image import HEADER, body_spec, parse_image
+from flight_sw.records.fields import RecordSpec
+from sim_harness.flight.flight import ARM, FlightPlan, FlightRun, hand_over, memory_loop
 from sim_harness.mission.dispersions import draw, fixed
 from sim_harness.mission.documents import json_of
-from sim_harness.flight.flight import ARM, FlightPlan, FlightRun, hand_over, memory_loop
-from sim_harness.mission.mission import GAINS, SHIPPED, Mission, load_mission
+from sim_harness.mission.mission import GAINS, SHIPPED, Mission
+from sim_harness.world.assembly import truth_of
+from sim_harness.world.missions import load_mission
 from tests.fuzz.children import Kind
 from tests.fuzz.mutate import mutated
 from tests.fuzz.trees import by_structure_or_bytes, toml_bytes
 from tests.tools.made_campaigns import make
-from tools.campaign.refly import again
 from tools.campaign.folder import read_manifest
 from tools.campaign.job import job_of
 from tools.campaign.plan import check_extremes, present_values, with_full_names
+from tools.campaign.refly import again
 from tools.gains.image import checked_design, mission_path
 from tools.report import tables
 from tools.report.source import read_source
@@ -50,7 +52,7 @@ TOML_MUTATE = by_structure_or_bytes(_toml, toml_bytes)
 def _read_mission(data: bytes, folder: Path) -> None:
     path = folder / "mission.toml"
     path.write_bytes(data)
-    load_mission(path).truth()
+    truth_of(load_mission(path))
 
 
 def _read_design(data: bytes, folder: Path) -> None:

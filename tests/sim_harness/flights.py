@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from sim_harness.world import vehicle
 from sim_harness.jit import kernel
 from sim_harness.mission.mission import Mission
+from sim_harness.world import vehicle
+from sim_harness.world.assembly import truth_of, world_of
 
 EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3PS2 = 3.986004418e14
@@ -102,7 +103,7 @@ def trace(
 
 def flown(mission: Mission, seconds: float, bank_deg: float = 0.0, alpha_deg: float = 0.0) -> Any:
     """The truth after so many seconds."""
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     frames = round(seconds * mission.guidance.rate_hz)
     w, s = world, truth
     run(w, s, math.radians(bank_deg), math.radians(alpha_deg), frames)
@@ -120,7 +121,7 @@ def traced(
     mission: Mission, frames: int, bank_deg: float = 0.0, low_m: float = 0.0, flat: bool = False
 ) -> Any:
     """Columns of TRACE by name over a flight; a flat planet has no gravity either."""
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     if flat:
         world = world.copy()
         world["planet"]["radius_m"] = 1e13

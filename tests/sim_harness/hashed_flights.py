@@ -7,6 +7,7 @@ import numpy as np
 
 from flight_sw.icd import N_VALUES
 from sim_harness.world import vehicle
+from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.navigation import NAV_STATE, measure
 from tests.sim_harness.flights import plain_mission
 from tests.sim_harness.test_aerodynamics import ALPHAS, DRAG, LIFT, MACHS
@@ -66,7 +67,7 @@ NAVIGATION = {
 def flight_bytes(changes: dict) -> str:
     """The final record of a flight with moving commands, in hexadecimal."""
     mission = plain_mission(entry__altitude_km=60.0, entry__angle_of_attack_deg=30.0, **changes)
-    world, truth = mission.world()[0], mission.truth()[0]
+    world, truth = world_of(mission)[0], truth_of(mission)[0]
     for i in range(FRAMES):
         bank_cmd_rad = 3.0 * math.sin(0.1 * i)
         vehicle.advance(world, truth, bank_cmd_rad, 0.5 + 0.002 * i)
@@ -77,7 +78,7 @@ def report_bytes() -> str:
     """What navigation with errors reports along a flight, in hexadecimal."""
     errors = {f"navigation__{key}": value for key, value in NAVIGATION.items()}
     mission = plain_mission(entry__altitude_km=60.0, **errors)
-    world, truth = mission.world()[0], mission.truth()[0]
+    world, truth = world_of(mission)[0], truth_of(mission)[0]
     nav_state, values = np.zeros(1, NAV_STATE), np.zeros(N_VALUES)
     nav_state["seed"] = 20261125
     rows = b""

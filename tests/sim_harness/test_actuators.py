@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from sim_harness.mission.keys import Axis
 from sim_harness.world.actuators import braking_rate, follow
 from sim_harness.world.assembly import actuator_row
-from sim_harness.mission.keys import Axis
 from sim_harness.world.records import ACTUATOR
 
 DT_S = 0.02

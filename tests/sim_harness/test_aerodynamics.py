@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from sim_harness.world.aerodynamics import areas
+from sim_harness.world.assembly import world_of
 from sim_harness.world.heating import heat_flux, heating_factor
 from sim_harness.world.records import HEATING
 from tests.sim_harness.flights import plain_mission
@@ -39,7 +40,7 @@ def table_record(rows=5, columns=4):
         "drag_coefficient": [row[:columns] for row in DRAG[:rows]],
     }
     mission = plain_mission(vehicle__aerodynamics=model, vehicle__reference_area_m2=250.0)
-    return mission.world()[0]["aerodynamics"]
+    return world_of(mission)[0]["aerodynamics"]
 
 
 @pytest.mark.parametrize(
@@ -47,10 +48,10 @@ def table_record(rows=5, columns=4):
 )
 def test_newtonian_form_gives_the_identified_areas(alpha_deg, lift_m2, drag_m2):
     model = {"model": "newtonian", "n1": 0.7976, "n2": 1.5954, "a1": 0.0795, "a2": 0.9108}
-    aero = plain_mission(vehicle__aerodynamics=model).world()[0]["aerodynamics"]
+    aero = world_of(plain_mission(vehicle__aerodynamics=model))[0]["aerodynamics"]
     found = areas(aero, math.radians(alpha_deg), 20.0)
     assert found == pytest.approx((lift_m2, drag_m2), abs=1e-3)
-    half = plain_mission(vehicle__aerodynamics=model, vehicle__reference_area_m2=0.5).world()[0]
+    half = world_of(plain_mission(vehicle__aerodynamics=model, vehicle__reference_area_m2=0.5))[0]
     assert areas(half["aerodynamics"], math.radians(alpha_deg), 20.0) == pytest.approx(
         (0.5 * found[0], 0.5 * found[1])
     )

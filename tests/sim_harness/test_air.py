@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from flight_sw.errors import MissionError
-from sim_harness.world import noise
-from sim_harness.world import profiles
-from sim_harness.mission.mission import load_mission
+from sim_harness.world import noise, profiles
 from sim_harness.world.air import cubic, place, true_density, wind
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from tests.conftest import UNCOMPILED
 from tests.sim_harness.cartesian_twin import Twin, planet_fixed
 from tests.sim_harness.flights import EARTH_J2, EARTH_SPIN_RADPS, flown, plain_mission, run
@@ -68,9 +68,9 @@ def test_force_factors_are_factors_of_the_coefficients(model: dict[str, Any]) ->
 
 
 def test_neutral_factors_leave_the_air_as_it_is() -> None:
-    air = plain_mission().world(5)["air"][0]
+    air = world_of(plain_mission(), 5)["air"][0]
     assert (air["is_disturbed"], air["has_wind"]) == (0, 0)
-    aero = plain_mission().world()["aerodynamics"][0]
+    aero = world_of(plain_mission())["aerodynamics"][0]
     assert (aero["lift_ratio"], aero["drag_ratio"]) == (1.0, 1.0)
 
 
@@ -89,7 +89,7 @@ def test_the_computer_is_not_told(name: str, law: str) -> None:
     )  # fmt: skip
     believed, deviated = (fill_body(law, design, m).body for m in (mission, deviating))
     assert deviated.tobytes() == believed.tobytes()
-    assert deviating.world().tobytes() != mission.world().tobytes()
+    assert world_of(deviating).tobytes() != world_of(mission).tobytes()
 
 
 @pytest.mark.jit_only
@@ -112,7 +112,7 @@ def test_flight_in_a_sheared_wind_agrees_with_the_cartesian_twin(
         wind=lambda alt_m: (-30.0 + alt_m / 200.0, 50.0 - alt_m / 400.0),
     )  # fmt: skip
     end = flown(mission, 160.0, bank_deg=bank_deg)
-    miss = miss_m_mps(end, *twin.fly(mission.truth()[0], 160.0, math.radians(bank_deg)))
+    miss = miss_m_mps(end, *twin.fly(truth_of(mission)[0], 160.0, math.radians(bank_deg)))
     calm = flown(mission.model_copy(update={"wind": plain_mission().wind}), 160.0, bank_deg)
     assert miss_m_mps(calm, *planet_fixed(end))[0] > 100.0  # the wind has its say
     assert miss[0] < 1e-3
@@ -134,7 +134,7 @@ def over_a_plane(east_mps: float, north_mps: float, wind_mps: tuple[float, float
         wind__east_mps=wind_mps[0],
         wind__north_mps=wind_mps[1],
     )
-    world, truth = mission.world().copy(), mission.truth()
+    world, truth = world_of(mission).copy(), truth_of(mission)
     world["planet"]["radius_m"], world["planet"]["mu_m3ps2"] = 1e13, 0.0
     world.setflags(write=False)
     run(world, truth, math.radians(40.0), 0.0, 3000)
@@ -168,7 +168,7 @@ def test_air_data_are_those_of_the_motion_through_the_air() -> None:
         wind__east_mps=-100.0 * root + 50.0 * root,
         wind__north_mps=-100.0 * root - 50.0 * root,
     )
-    truth = mission.truth()[0]
+    truth = truth_of(mission)[0]
     v_air = math.hypot(3100.0, 50.0)
     rho = 1.225 * math.exp(-40e3 / 7200.0)
     assert truth["v_air_mps"] == pytest.approx(v_air, rel=1e-12)
@@ -247,14 +247,14 @@ def test_random_profiles_of_density_and_winds_are_independent() -> None:
 
 def test_a_profile_depends_on_the_seed_alone() -> None:
     mission = plain_mission(**RANDOM)
-    assert mission.world(4).tobytes() == mission.world(4).tobytes()
+    assert world_of(mission, 4).tobytes() == world_of(mission, 4).tobytes()
     for field in ("ln_rho", "wind_east_mps", "wind_north_mps"):
-        first, second = (mission.world(seed)["air"][field] for seed in (4, 5))
+        first, second = (world_of(mission, seed)["air"][field] for seed in (4, 5))
         assert not np.any(first[0, :, 0] == second[0, :, 0])
 
 
 def test_cells_meet_with_slope_and_curvature() -> None:
-    table = plain_mission(**RANDOM).world(3)["air"]["ln_rho"][0]
+    table = world_of(plain_mission(**RANDOM), 3)["air"]["ln_rho"][0]
     value, slope, curvature = (
         table[:-1] @ np.array(powers) for powers in ([1, 1, 1, 1], [0, 1, 2, 3], [0, 0, 2, 6])
     )
@@ -265,7 +265,7 @@ def test_cells_meet_with_slope_and_curvature() -> None:
 
 def test_profiles_pass_through_what_was_drawn_and_hold_their_ends() -> None:
     mission = plain_mission(**RANDOM)
-    air = mission.world(3)["air"][0]
+    air = world_of(mission, 3)["air"][0]
     edges_m = np.linspace(0.0, 120e3, profiles.AIR_CELLS + 1)
     values = profiles.density_profile(mission, 3, edges_m)
     for i in (0, 1, 100, 255, 256):
@@ -273,18 +273,20 @@ def test_profiles_pass_through_what_was_drawn_and_hold_their_ends() -> None:
         assert cubic(air["ln_rho"], cell, u) == pytest.approx(values[i], abs=1e-9)
     for beyond_m, end in ((-5e3, values[0]), (150e3, values[-1])):
         assert cubic(air["ln_rho"], *place(air, beyond_m)) == pytest.approx(end, abs=1e-12)
-    world = mission.world(3)[0]
+    world = world_of(mission, 3)[0]
     expected = 1.225 * math.exp(values[100] - edges_m[100] / 7200.0)
     assert true_density(world, float(edges_m[100])) == pytest.approx(expected, rel=1e-9)
     assert math.isnan(true_density(world, math.nan))
 
 
 def test_a_table_of_wind_goes_through_its_rows_without_overshoot() -> None:
-    air = plain_mission(
-        wind__table_altitude_km=[15.0, 30.0, 60.0, 75.0],
-        wind__east_table_mps=[10.0, 60.0, 60.0, -20.0],
-        wind__north_mps=3.0,
-    ).world()["air"][0]
+    air = world_of(
+        plain_mission(
+            wind__table_altitude_km=[15.0, 30.0, 60.0, 75.0],
+            wind__east_table_mps=[10.0, 60.0, 60.0, -20.0],
+            wind__north_mps=3.0,
+        )
+    )["air"][0]
     for alt_m, east in ((0.0, 10.0), (15e3, 10.0), (30e3, 60.0), (45e3, 60.0), (100e3, -20.0)):
         assert wind(air, alt_m) == pytest.approx((east, 3.0), abs=0.05)
     everywhere = [wind(air, float(alt_m))[0] for alt_m in np.linspace(0.0, 120e3, 1000)]
@@ -295,7 +297,7 @@ def test_a_table_of_wind_goes_through_its_rows_without_overshoot() -> None:
 def end_of(seed: int, rate_hz: float) -> np.ndarray:
     """Place after 160 s in random air, at an integration step."""
     mission = plain_mission(vehicle__aerodynamics=LIFTING, guidance__rate_hz=rate_hz, **RANDOM)
-    world, truth = mission.world(seed), mission.truth(seed)
+    world, truth = world_of(mission, seed), truth_of(mission, seed)
     run(world, truth, math.radians(50.0), 0.0, round(160.0 * rate_hz))
     return np.asarray(planet_fixed(truth[0])[0])
 

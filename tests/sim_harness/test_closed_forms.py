@@ -11,6 +11,7 @@ import math
 import numpy as np
 import pytest
 
+from sim_harness.world.assembly import truth_of, world_of
 from tests.sim_harness.flights import EARTH_SPIN_RADPS, flown, fly, plain_mission, traced
 
 pytestmark = pytest.mark.jit_only
@@ -65,7 +66,7 @@ def test_equilibrium_glide_goes_as_far_as_the_formula_says(lift_to_drag, formula
         entry__flight_path_angle_deg=-math.degrees(descent),
         end__speed_mps=2000.0,
     )
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     assert fly(world, truth, 0.0, 0.0, 400_000) == 1
     assert 1.0 < truth["ground_range_m"][0] / (formula_km * 1e3) < 1.05
     assert 1.0 < truth["t_s"][0] / formula_s < 1.05

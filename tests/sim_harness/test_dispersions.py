@@ -9,7 +9,8 @@ from flight_sw.errors import MissionError
 from sim_harness.mission.dispersion_keys import Dispersions, Fixed, Normal, Uniform
 from sim_harness.mission.dispersions import draw, extremes, set_of
 from sim_harness.mission.documents import read_toml
-from sim_harness.mission.mission import find, mission_of
+from sim_harness.mission.mission import find
+from sim_harness.world.missions import mission_of
 
 UNIFORM = Uniform(model="uniform", low=-20.0, high=10.0)
 NORMAL = Normal(model="normal", sigma=2.0, cut_sigmas=1.0)

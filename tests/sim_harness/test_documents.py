@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from flight_sw.model.atmosphere import density
 from flight_sw.errors import AeroshellError, DesignError, MissionError
+from flight_sw.model.atmosphere import density
 from sim_harness.mission import documents
 from sim_harness.mission.documents import (
     DEPTH_MAX,
@@ -17,7 +17,9 @@ from sim_harness.mission.documents import (
     short,
     toml_of,
 )
-from sim_harness.mission.mission import SHIPPED, find, load_mission
+from sim_harness.mission.mission import SHIPPED, find
+from sim_harness.world.assembly import world_of
+from sim_harness.world.missions import load_mission
 from tools.cli import main
 from tools.gains.schema import read_tree
 
@@ -191,14 +193,14 @@ def own_mission(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("raw", AS_WRITTEN.values(), ids=AS_WRITTEN)
 def test_a_table_as_spreadsheets_write_it_is_read(raw: bytes, own_mission: Path) -> None:
-    plain = load_mission(own_mission).world()
+    plain = world_of(load_mission(own_mission))
     (own_mission.parent / "air.csv").write_bytes(raw)
-    assert load_mission(own_mission).world().tobytes() == plain.tobytes()
+    assert world_of(load_mission(own_mission)).tobytes() == plain.tobytes()
 
 
 def test_the_kept_table_is_read(own_mission: Path) -> None:
     (own_mission.parent / "air.csv").write_bytes((CASES / "atmosphere-bom.csv").read_bytes())
-    air = load_mission(own_mission).world()[0]["atmosphere"]
+    air = world_of(load_mission(own_mission))[0]["atmosphere"]
     assert int(air["n"]) == 7
     assert density(air, 20e3) == pytest.approx(0.0889, rel=1e-9)
 

@@ -18,8 +18,8 @@ import pytest
 
 from flight_sw.can.address import open_bus
 from flight_sw.can.sockets import BUS_LOST, new_io, recv_frames, send_frames
-from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
+from flight_sw.records.dictionary import FRAME
 from sim_harness.bus.hub import Hub
 from sim_harness.bus.pump import (
     CLIENTS_MAX,

@@ -6,10 +6,12 @@ import tomllib
 import numpy as np
 import pytest
 
-from flight_sw.model.atmosphere import density
 from flight_sw.errors import MissionError
+from flight_sw.model.atmosphere import density
 from sim_harness.mission import reference as mission_reference
-from sim_harness.mission.mission import SHIPPED, Mission, list_missions, load_mission
+from sim_harness.mission.mission import SHIPPED, Mission, list_missions
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from sim_harness.world.records import OUTCOMES
 from tests.sim_harness.flights import fly
 
@@ -37,7 +39,7 @@ def refusal_of(path, overrides=None) -> str:
 
 def test_hyperion_is_the_papers_vehicle_in_si():
     mission = load_mission("hyperion-1")
-    world, truth = mission.world()[0], mission.truth()[0]
+    world, truth = world_of(mission)[0], truth_of(mission)[0]
     assert world["dt_s"] == 0.02
     assert world["planet"]["g0_mps2"] == 9.81
     assert world["aerodynamics"]["mass_kg"] == 450.0
@@ -60,13 +62,13 @@ def test_every_shipped_mission_loads_under_its_name():
         mission = load_mission(shipped.name)
         assert mission.name == shipped.name
         assert mission.title == shipped.title
-        assert mission.world().flags.writeable is False
+        assert world_of(mission).flags.writeable is False
 
 
 @pytest.mark.jit_only
 def test_a_mission_of_ones_own_flies_from_its_path(own):
     mission = load_mission(own("mass_kg = 450.0", "mass_kg = 900.0"))
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     assert world["aerodynamics"]["mass_kg"][0] == 900.0
     assert OUTCOMES[fly(world, truth, 0.0, math.radians(45.0), 100_000)] == "end condition"
 
@@ -211,7 +213,7 @@ def test_air_may_come_from_a_csv_file_beside_the_mission(own):
     path = own('model = "us76"', 'model = "table"\ncsv = "air.csv"')
     rows = "altitude_km,density_kgpm3,temperature_k\n0,1.225,288.15\n80,1.8e-5,200\n150,2e-9,600\n"
     (path.parent / "air.csv").write_text(rows)
-    air = load_mission(path).world()[0]["atmosphere"]
+    air = world_of(load_mission(path))[0]["atmosphere"]
     assert air["n"] == 3
     assert math.sqrt(air["sound_speed_sq_m2ps2"][0]) == pytest.approx(340.294, abs=0.001)
 
@@ -261,7 +263,7 @@ def test_override_takes_leaf_or_dotted_key_and_text():
         {"heat_flux_max_kwpm2": "1800", "actuators.bank.rate_max_degps": 20.0, "law": "nominal"},
     )
     assert mission.limits.heat_flux_max_kwpm2 == 1800.0
-    assert mission.world()["bank"]["rate_max_radps"][0] == pytest.approx(math.radians(20.0))
+    assert world_of(mission)["bank"]["rate_max_radps"][0] == pytest.approx(math.radians(20.0))
     assert mission.guidance.law == "nominal"
 
 
@@ -275,13 +277,13 @@ def test_override_of_a_model_brings_its_keys():
             "atmosphere.model": "exponential",
         },
     )
-    assert mission.world()["atmosphere"]["n"][0] == 2
+    assert world_of(mission)["atmosphere"]["n"][0] == 2
 
 
 def test_override_of_a_model_drops_what_the_other_model_said():
     shipped = {"atmosphere.model": "table", "csv": "mars-gram-average.csv", "density_factor": 1.1}
     mission = load_mission("mars-lander", {**shipped, "gas_constant_jpkgk": 188.92})
-    air = mission.world()["atmosphere"][0]
+    air = world_of(mission)["atmosphere"][0]
     assert density(air, 30e3) == pytest.approx(7.659e-4, rel=1e-9)  # a row of the profile
     assert mission.atmosphere.density_factor == 1.1  # both models have it
     with pytest.raises(MissionError, match=r"scale_height_m is not a known key"):
@@ -322,21 +324,23 @@ def test_wrong_override_is_refused(key, value, beginning):
 
 
 def test_inertial_entry_is_the_same_flight_as_the_relative_one():
-    relative = load_mission("hyperion-1").truth()[0]
+    relative = truth_of(load_mission("hyperion-1"))[0]
     radius_m = 6_378_137.0 + 119_810.0
     lat, fpa, heading = relative["lat_rad"], math.radians(-2.87), math.radians(90.18)
     up, along = 7782.5 * math.sin(fpa), 7782.5 * math.cos(fpa)
     north = along * math.cos(heading)
     east = along * math.sin(heading) + 7.292115e-5 * radius_m * math.cos(lat)
-    inertial = load_mission(
-        "hyperion-1",
-        {
-            "frame": "inertial",
-            "entry.speed_mps": math.sqrt(up * up + north * north + east * east),
-            "flight_path_angle_deg": math.degrees(math.atan2(up, math.hypot(north, east))),
-            "heading_deg": math.degrees(math.atan2(east, north)),
-        },
-    ).truth()[0]
+    inertial = truth_of(
+        load_mission(
+            "hyperion-1",
+            {
+                "frame": "inertial",
+                "entry.speed_mps": math.sqrt(up * up + north * north + east * east),
+                "flight_path_angle_deg": math.degrees(math.atan2(up, math.hypot(north, east))),
+                "heading_deg": math.degrees(math.atan2(east, north)),
+            },
+        )
+    )[0]
     for name in ("v_rel_mps", "flight_path_angle_rad", "heading_rad"):
         assert inertial[name] == pytest.approx(relative[name], rel=1e-12)
 
@@ -356,7 +360,7 @@ def test_the_example_in_the_documentation_flies(tmp_path):
     path = tmp_path / "capsule.toml"
     path.write_text(example, encoding="utf-8")
     mission = load_mission(path)
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     assert OUTCOMES[fly(world, truth, 0.5, 0.0, 100_000)] == "end condition"
     assert truth["alt_m"][0] == pytest.approx(10e3, abs=20.0)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim_harness.world import motion
+from sim_harness.world.assembly import truth_of, world_of
 from tests.sim_harness.cartesian_twin import Twin, planet_fixed
 from tests.sim_harness.flights import (
     EARTH_J2,
@@ -41,11 +42,11 @@ def test_jacobi_constant_stays_for_1000_s_without_air(j2):
         entry__altitude_km=300.0,
         entry__latitude_deg=-35.0,
     )
-    before = jacobi_jpkg(mission.truth()[0], EARTH_SPIN_RADPS, j2)
+    before = jacobi_jpkg(truth_of(mission)[0], EARTH_SPIN_RADPS, j2)
     after = flown(mission, 1000.0)
     assert jacobi_jpkg(after, EARTH_SPIN_RADPS, j2) == pytest.approx(before, rel=1e-12)
     assert after["jacobi_energy_jpkg"] == pytest.approx(before, rel=1e-12)
-    assert abs(after["lat_rad"] - mission.truth()["lat_rad"][0]) > 0.3
+    assert abs(after["lat_rad"] - truth_of(mission)["lat_rad"][0]) > 0.3
 
 
 @pytest.mark.jit_only
@@ -61,7 +62,7 @@ def test_orbit_closes_after_keplers_period():
         entry__flight_path_angle_deg=0.0,
         guidance__rate_hz=frames / period_s,
     )
-    miss = miss_m_mps(flown(mission, period_s), *planet_fixed(mission.truth()[0]))
+    miss = miss_m_mps(flown(mission, period_s), *planet_fixed(truth_of(mission)[0]))
     assert miss[0] < 1e-3
     assert miss[1] < 1e-6
 
@@ -98,7 +99,7 @@ def test_flight_agrees_with_the_cartesian_twin(latitude_deg, heading_deg, bank_d
     )
     twin = Twin(spin_radps, j2, lift_area_m2=2.0, drag_area_m2=2.5)
     end = flown(mission, 160.0, bank_deg=bank_deg)
-    miss = miss_m_mps(end, *twin.fly(mission.truth()[0], 160.0, math.radians(bank_deg)))
+    miss = miss_m_mps(end, *twin.fly(truth_of(mission)[0], 160.0, math.radians(bank_deg)))
     assert end["drag_mps2"] > 2.0  # the air has its say
     assert miss[0] < 1e-3
     assert miss[1] < 1e-5
@@ -115,7 +116,7 @@ def test_flight_over_a_pole_comes_down_the_other_side(latitude_deg):
     )
     end = flown(mission, 700.0)
     twin = Twin(0.0, 0.0, 0.0, 0.0)
-    miss = miss_m_mps(end, *twin.fly(mission.truth()[0], 700.0, 0.0))
+    miss = miss_m_mps(end, *twin.fly(truth_of(mission)[0], 700.0, 0.0))
     assert miss[0] < 0.01
     assert abs(end["lat_rad"]) < math.pi / 2
     assert math.degrees(end["lon_rad"]) == pytest.approx(-170.0)
@@ -138,7 +139,7 @@ def test_flight_past_a_pole_is_off_by_no_more_than_stated(distance_m, off_m):
         entry__flight_path_angle_deg=0.0,
     )
     twin = Twin(0.0, 0.0, 0.0, 0.0)
-    miss = miss_m_mps(flown(mission, 700.0), *twin.fly(mission.truth()[0], 700.0, 0.0))
+    miss = miss_m_mps(flown(mission, 700.0), *twin.fly(truth_of(mission)[0], 700.0, 0.0))
     assert miss[0] < off_m
 
 
@@ -155,7 +156,7 @@ def test_vertical_entry_over_the_turning_planet_is_off_by_metres(fpa_deg, off_m)
     )
     twin = Twin(EARTH_SPIN_RADPS, 0.0, 0.0, 2.5)
     end = flown(mission, 30.0)
-    miss = miss_m_mps(end, *twin.fly(mission.truth()[0], 30.0, 0.0))
+    miss = miss_m_mps(end, *twin.fly(truth_of(mission)[0], 30.0, 0.0))
     assert end["alt_m"] < 30e3
     assert miss[0] < off_m
 
@@ -169,7 +170,7 @@ def test_floor_keeps_the_sign_and_leaves_larger_values_alone(x, kept):
 
 def test_turn_rates_stay_finite_at_rest():
     mission = plain_mission(planet__rotation_radps=EARTH_SPIN_RADPS)
-    world, truth = mission.world()[0], mission.truth()[0]
+    world, truth = world_of(mission)[0], truth_of(mission)[0]
     for v_mps in (0.0, 0.5, 1.0):
         place = truth["lat_rad"], truth["alt_m"], v_mps, -0.5, 1.0
         found = motion.rates(world, truth["held"], *place)

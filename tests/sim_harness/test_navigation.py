@@ -8,12 +8,13 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.errors import FlightError, MissionError
-from sim_harness.world import navigation
 from sim_harness.flight.flight import refuse_beyond_the_bus
-from sim_harness.jit import kernel
-from sim_harness.mission.mission import load_mission
-from sim_harness.world.navigation import NAV_STATE, WHOLE_SET, measure, report_truth
 from sim_harness.flight.navigation_watch import NavigationWatch, held_values
+from sim_harness.jit import kernel
+from sim_harness.world import navigation
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
+from sim_harness.world.navigation import NAV_STATE, WHOLE_SET, measure, report_truth
 from tests.conftest import UNCOMPILED
 from tests.sim_harness.flights import EARTH_RADIUS_M, plain_mission
 
@@ -44,7 +45,7 @@ class Reports:
         self, n: int = REPORTS, seed: int = 1, ramp_mps3: float = 0.0, first: int = 0, **keys: Any
     ) -> None:
         mission = plain_mission(**{f"navigation__{k}": v for k, v in keys.items()})
-        self.world, truth = mission.world(), mission.truth()
+        self.world, truth = world_of(mission), truth_of(mission)
         for name, value in TRUE.items():
             truth[name] = value
         self.state = np.zeros(1, NAV_STATE)
@@ -205,7 +206,9 @@ def test_latency_reports_what_was_true_some_reports_ago_with_the_time_of_now() -
 
 
 def test_latency_beyond_what_is_kept_is_refused() -> None:
-    assert plain_mission(navigation__latency_s=1.26).world()["navigation"]["latency_reports"] == 63
+    assert (
+        world_of(plain_mission(navigation__latency_s=1.26))["navigation"]["latency_reports"] == 63
+    )
     with pytest.raises(MissionError, match=r"latency_s is 1.3, allowed up to 63 reports, 1.26 s"):
         load_mission("hyperion-1", {"latency_s": 1.3})
 
@@ -267,7 +270,7 @@ def test_an_entry_state_that_the_bus_cannot_carry_is_refused_with_its_signal() -
     with pytest.raises(
         FlightError, match=r"v_rel_mps is 137\d\d.*, allowed 0 to 13400 by NAV_VERT"
     ):
-        refuse_beyond_the_bus(mission, mission.truth()[0])
+        refuse_beyond_the_bus(mission, truth_of(mission)[0])
 
 
 def test_model_exact_refuses_an_error() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim_harness.world import noise
 from sim_harness.jit import kernel
+from sim_harness.world import noise
 from sim_harness.world.noise import gaussians, philox, uniforms
 from tests.conftest import UNCOMPILED
 

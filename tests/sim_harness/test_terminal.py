@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sim_harness.flight.metrics import METRICS, judge_frame
-from sim_harness.mission.mission import load_mission
 from sim_harness.flight.port import PORT
 from sim_harness.flight.terminal import (
     direction,
@@ -17,8 +16,10 @@ from sim_harness.flight.terminal import (
     terminal_errors,
     told,
 )
-from sim_harness.world.vehicle import hold
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from sim_harness.world.records import END_CONDITION, TIME_OUT, TRUTH
+from sim_harness.world.vehicle import hold
 from tests.sim_harness.flights import fly, plain_mission
 
 RADIUS_KM = 6378.137
@@ -74,7 +75,7 @@ def test_errors_have_the_signs_that_are_documented():
 
 def test_without_a_target_no_error_is_told():
     mission = plain_mission()
-    assert set(terminal_errors(mission, state_of(mission.truth()[0]))) == {None}
+    assert set(terminal_errors(mission, state_of(truth_of(mission)[0]))) == {None}
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def test_the_part_of_the_end_condition_that_was_met_is_told(speed_mps, alt_m, tr
     mission = plain_mission(end={"speed_mps": 500.0, "altitude_km": 10.0})
     truth = np.zeros(1, TRUTH)
     truth["v_rel_mps"], truth["alt_m"] = speed_mps, alt_m
-    world = mission.world()[0]
+    world = world_of(mission)[0]
     assert end_trigger(world, truth[0], END_CONDITION) == trigger
     assert end_trigger(world, truth[0], TIME_OUT) is None
     assert told(mission, world, truth[0], END_CONDITION)["end_trigger"] == trigger
@@ -100,7 +101,7 @@ def test_errors_are_those_of_the_moment_at_which_the_end_was_met(end, index):
                          vehicle__aerodynamics__drag_coefficient=3.0)  # fmt: skip
     states = []
     for flown in (mission, fine):
-        world, truth = flown.world(), flown.truth()
+        world, truth = world_of(flown), truth_of(flown)
         assert fly(world, truth, 0.0, 0.0, 400_000) == END_CONDITION
         states.append(state_at_end(world[0], truth[0], END_CONDITION))
     met = 60e3 if index == 2 else 7000.0
@@ -128,8 +129,8 @@ def test_steps_of_the_command_count_between_tracked_frames_alone():
 @pytest.mark.parametrize("side_lift_ratio, turned_deg", [(0.0, 0.0), (1.0, 30.0)])
 def test_a_vehicle_whose_side_lift_is_left_out_stays_in_its_plane(side_lift_ratio, turned_deg):
     mission = plain_mission(vehicle__side_lift_ratio=side_lift_ratio)
-    truth = mission.truth()
-    hold(mission.world()[0], truth[0], math.radians(30.0), 0.0)
+    truth = truth_of(mission)
+    hold(world_of(mission)[0], truth[0], math.radians(30.0), 0.0)
     held = truth[0]["held"]
     assert held["cos_bank"] == pytest.approx(math.cos(math.radians(30.0)))
     assert math.degrees(math.asin(held["sin_bank"])) == pytest.approx(turned_deg)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from sim_harness.world import vehicle
-from sim_harness.mission.mission import load_mission
+from sim_harness.world import records, vehicle
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from sim_harness.world.navigation import NAV_STATE, measure
-from sim_harness.world import records
 from tests.sim_harness.flights import flown, fly, plain_mission, run, traced
 
 LIFTING = {"model": "constant", "lift_coefficient": 2.0, "drag_coefficient": 2.5}
@@ -19,7 +19,7 @@ NEWTONIAN = {"model": "newtonian", "n1": 0.8, "n2": 1.6, "a1": 0.08, "a2": 0.9}
 @pytest.mark.jit_only
 def test_natural_peak_of_hyperion_is_the_identified_one():
     mission = load_mission("hyperion-1")
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     assert fly(world, truth, 0.0, math.radians(45.0), 100_000) == records.END_CONDITION
     assert truth["heat_flux_max_wpm2"][0] == pytest.approx(1_700.5e3, abs=6e3)
 
@@ -102,7 +102,7 @@ def test_ground_range_adds_up_to_the_arc_flown():
 @pytest.mark.jit_only
 def test_heat_load_is_the_integral_of_the_flux():
     mission = plain_mission(vehicle__aerodynamics=LIFTING)
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     fluxes = []
     for _ in range(100):
         fluxes.append(truth["heat_flux_wpm2"][0])
@@ -129,7 +129,7 @@ def test_heat_load_is_the_integral_of_the_flux():
 def test_flight_ends_for_the_stated_reason(changes, outcome):
     drag = {"model": "constant", "lift_coefficient": 0.0, "drag_coefficient": 2.5}
     mission = plain_mission(vehicle__aerodynamics=drag, **changes)
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     assert vehicle.ended(world[0], truth[0]) == records.FLYING
     assert fly(world, truth, 0.0, 0.0, 1_000_000) == outcome
     if outcome == records.TIME_OUT:
@@ -139,7 +139,7 @@ def test_flight_ends_for_the_stated_reason(changes, outcome):
 @pytest.mark.parametrize("name", ["lat_rad", "v_rel_mps", "heading_rad", "heat_load_jpm2"])
 def test_a_number_gone_wrong_ends_the_flight_as_numerical(name):
     mission = plain_mission()
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     truth[name] = math.nan
     assert vehicle.ended(world[0], truth[0]) == records.NUMERICAL
 
@@ -171,7 +171,7 @@ def test_halving_the_frame_of_a_lagging_axis_quarters_the_error(axis, name):
 def test_lift_is_reported_by_its_magnitude_and_all_else_as_it_is():
     down = {**LIFTING, "lift_coefficient": -2.0}
     mission = plain_mission(vehicle__aerodynamics=down, entry__bank_deg=10.0)
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     values = np.full(500, np.nan)
     nav_state = np.zeros(1, NAV_STATE)
     run(world, truth, 0.3, 0.2, 100)
@@ -201,7 +201,7 @@ def test_lift_is_reported_by_its_magnitude_and_all_else_as_it_is():
 @pytest.mark.jit_only
 def test_flight_allocates_nothing():
     mission = load_mission("hyperion-1")
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     run(world, truth, 0.0, 0.8, 1)
     _nrt_python.memsys_enable_stats()
     costs = []

@@ -15,17 +15,18 @@ import numpy.typing as npt
 
 from flight_sw import icd
 from flight_sw.computer import new_state
+from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
+from flight_sw.reception.requests import ARM
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.runtime.histogram import HISTOGRAM
 from flight_sw.runtime.identity import ALONE
-from flight_sw.load_image import LoadImage, activate, image_bytes, parse_image
-from flight_sw.reception.requests import ARM
 from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory, hand_over
 from sim_harness.flight.logs import BUS, TRUTHS, Logs
 from sim_harness.flight.loop import HARNESS, fly_in_memory
-from sim_harness.mission.mission import Mission, load_mission
 from sim_harness.flight.port import FLYING_HERE, put_presence, put_request
+from sim_harness.mission.mission import Mission
 from sim_harness.telemetry.records import BUS_LOG
+from sim_harness.world.missions import load_mission
 from sim_harness.world.records import TRUTH
 from tools.gains.body import fill_body
 from tools.gains.schema import Design, design_of, read_tree

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.runtime.histogram import upper_edge_ns
 from flight_sw.load_image import activate, image_bytes, parse_image
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.histogram import upper_edge_ns
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightRun, fly_memory
 from sim_harness.flight.logs import COMMANDS
-from sim_harness.mission.mission import load_mission
+from sim_harness.world.missions import load_mission
 from tests.allowances import SLIPPED
 from tests.system.flights import MISSION, PIECES, Built, design, run_of
 from tools.gains.body import fill_body

@@ -7,8 +7,8 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.can.e2e import protect
-from flight_sw.records.dictionary import FRAME, TICK_ID
 from flight_sw.reception.requests import ARM
+from flight_sw.records.dictionary import FRAME, TICK_ID
 from sim_harness.replay.replayer import Replay, Replayer
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.recorder import Recorder

@@ -14,8 +14,8 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from flight_sw.executive import serve
 from sim_harness.flight.flight import hand_over
-from sim_harness.jit import kernel
 from sim_harness.flight.loop import fly_in_memory
+from sim_harness.jit import kernel
 from tests.flight_sw.test_executive import Loop
 from tests.system.flights import FLOWN, MARS_LAWS, Computer, World, any_built, built
 

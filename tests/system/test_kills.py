@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 
 from sim_harness.flight.flight import fly_memory
-from sim_harness.telemetry.journal import journal_path
 from sim_harness.flight.loop import HARNESS
 from sim_harness.replay.replayer import Replayer
+from sim_harness.telemetry.journal import journal_path
 from sim_harness.telemetry.reader import Recording, open_recording
 from tests.system.flights import ROOT, run_of
 from tests.system.paced import piece

@@ -7,8 +7,8 @@ import pytest
 
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
-from sim_harness.mission.mission import load_mission
 from sim_harness.flight.summary import summary_of
+from sim_harness.world.missions import load_mission
 from tools.campaign.engine import results_of
 from tools.campaign.plan import Wanted
 from tools.gains.image import design_path, image_path, make_all, write

@@ -8,7 +8,7 @@ import pytest
 
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightRun, fly_memory
-from sim_harness.mission.mission import load_mission
+from sim_harness.world.missions import load_mission
 from tests.system.flights import MISSION, PIECES, Built, built, run_of
 
 NOISY = {

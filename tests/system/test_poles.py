@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.records.dictionary import FRAME
 from flight_sw.load_image import activate, image_bytes, parse_image
+from flight_sw.records.dictionary import FRAME
 from sim_harness.flight.logs import Logs
-from sim_harness.mission.mission import load_mission
+from sim_harness.world.missions import load_mission
 from sim_harness.world.records import END_CONDITION
 from tests.system.flights import MISSION, NAV_FRAMES, Built, Computer, World, design
 from tools.gains.body import fill_body

@@ -8,8 +8,9 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY
-from sim_harness.world.navigation import LAT, LON, NAV_STATE, V_REL, measure
 from sim_harness.flight.port import new_port, put_navigation, take
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.navigation import LAT, LON, NAV_STATE, V_REL, measure
 from tests.system.flights import (
     NAV_FRAMES,
     Frames,
@@ -152,7 +153,7 @@ def test_a_navigation_set_carries_the_truth_to_the_resolution_of_the_bus(flight:
 
 def test_a_value_that_the_bus_does_not_carry_is_not_sent(flight: Recorded) -> None:
     ear = Ear(flight)
-    world, truth = flight.made.mission.world(), flight.made.mission.truth()
+    world, truth = world_of(flight.made.mission), truth_of(flight.made.mission)
     measure(world[0], truth[0], np.zeros(1, NAV_STATE)[0], ear.port["values"][0])
     assert put_navigation(ear.codec[0], ear.port[0], 0, ear.spare) == NAV_FRAMES
     for index, value in ((V_REL, 2e4), (LON, 4.0), (LAT, np.nan)):

@@ -15,8 +15,8 @@ import pytest
 
 from flight_sw import modes
 from flight_sw.errors import AeroshellError, FlightError
-from sim_harness.flight import bus_flight
 from sim_harness.bus.hub import Hub
+from sim_harness.flight import bus_flight
 from sim_harness.flight.bus_flight import BusFlight, fly_bus
 from sim_harness.flight.computer_process import ComputerProcess
 from sim_harness.flight.flight import FlightRun

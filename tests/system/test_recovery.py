@@ -14,13 +14,13 @@ import pytest
 from flight_sw import icd, modes
 from flight_sw.can.codec import pack, unpack
 from flight_sw.can.e2e import counter_of, protect
-from flight_sw.reception.receiver import slot_of
 from flight_sw.computer import minor_frame
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from flight_sw.guidance.heat_flux.peak import PEAK_BY
+from flight_sw.reception.receiver import slot_of
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from sim_harness.flight import loop
-from sim_harness.jit import kernel
 from sim_harness.flight.logs import Logs
+from sim_harness.jit import kernel
 from sim_harness.world.records import FLYING
 from tests.system.flights import Built, Computer, World, built
 

@@ -13,8 +13,8 @@ from flight_sw.can.address import open_bus
 from flight_sw.can.plain import plain_frame, read_plain
 from flight_sw.errors import FlightError
 from flight_sw.runtime.identity import SOURCES, name_of
-from sim_harness.flight import roles
 from sim_harness.bus.hub import Hub
+from sim_harness.flight import roles
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.computer_process import ComputerProcess
 from sim_harness.flight.flight import FlightRun

@@ -10,11 +10,11 @@ import pytest
 from flight_sw import executive
 from flight_sw.can.sockets import new_io
 from flight_sw.computer import new_state
-from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.executive import EXECUTIVE, RUNNING, SYNCHRONISATIONS
 from flight_sw.reception.requests import ARM
-from sim_harness.flight import pacing
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from sim_harness.bus.bus_listener import no_ear
+from sim_harness.flight import pacing
 from sim_harness.flight.loop import Wire
 from sim_harness.world.records import FLYING
 from tests.system.flights import (

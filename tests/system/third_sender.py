@@ -14,8 +14,8 @@ import numpy as np
 from flight_sw import icd
 from flight_sw.can.address import open_bus
 from flight_sw.can.e2e import protect
-from flight_sw.records.dictionary import FRAME
 from flight_sw.errors import BusError
+from flight_sw.records.dictionary import FRAME
 from tests.system.flights import Frames, built
 
 BURST_S = 0.001

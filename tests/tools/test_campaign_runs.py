@@ -12,8 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from flight_sw.errors import FlightError, MissionError
-from sim_harness.mission.mission import find, load_mission
 from sim_harness.flight.outcomes import limits_exceeded, outcome_class
+from sim_harness.mission.mission import find
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from tools.campaign.engine import run_campaign
 from tools.campaign.folder import decoded
 from tools.campaign.job import Flyer, Run, job_of
@@ -56,8 +58,8 @@ def test_a_run_flies_the_records_of_a_mission_loaded_with_its_overrides():
     job, _ = job_of("hyperion-1", "lqy", [], None)
     fast = Flyer(job).prepared(Run(1, overrides, 7, {})).mission
     slow = load_mission("hyperion-1", overrides)
-    assert fast.world(7).tobytes() == slow.world(7).tobytes()
-    assert fast.truth(7).tobytes() == slow.truth(7).tobytes()
+    assert world_of(fast, 7).tobytes() == world_of(slow, 7).tobytes()
+    assert truth_of(fast, 7).tobytes() == truth_of(slow, 7).tobytes()
 
 
 def test_what_the_computer_is_told_of_changes_its_load(flown):

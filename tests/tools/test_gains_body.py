@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.model.atmosphere import density
 from flight_sw.errors import DesignError
 from flight_sw.limits import UNLIMITED
+from flight_sw.model.atmosphere import density
 from flight_sw.model.onboard import FORCES, heat_flux, modelled_forces
-from sim_harness.mission.mission import load_mission
+from sim_harness.world.missions import load_mission
 from tests.flight_sw.guidance.heat_flux.guidance_twin import areas_m2
 from tests.system.flights import DESIGN_PATH, LAWS, MISSION, built, design
 from tools.gains.body import fill_body

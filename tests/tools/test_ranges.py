@@ -10,12 +10,13 @@ import pytest
 
 from flight_sw import icd
 from flight_sw.errors import AeroshellError, DesignError, LoadError, MissionError
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.guidance import LAWS
 from flight_sw.load_image import body_spec
-from sim_harness.mission.mission import Mission, find, leaf_keys, load_mission, read_toml
+from flight_sw.records.fields import Field, RecordSpec
 from sim_harness.mission.errors import annotation_at
+from sim_harness.mission.mission import Mission, find, leaf_keys, read_toml
 from sim_harness.mission.quantities import Quantity, Section, Series
+from sim_harness.world.missions import load_mission
 from tools.gains.body import fill_body
 from tools.gains.schema import Design, design_of, read_tree
 from tools.overrides import with_values

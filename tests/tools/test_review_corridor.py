@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import world_of
 from sim_harness.world.motion import rates
 from sim_harness.world.records import HELD
 from tests.sim_harness.flights import plain_mission
@@ -58,7 +59,7 @@ def corridor_of(flown: Mission, low_mps: float = 0.0) -> Corridor:
     """Its corridor from 7,000 to 3,000 m/s."""
     found = flown_by_speed(truth(np.linspace(7000.0, 3000.0, 50)))
     assert found is not None
-    return corridor(flown.world()[0], limits_of(flown), found, low_mps)
+    return corridor(world_of(flown)[0], limits_of(flown), found, low_mps)
 
 
 def test_each_upper_limit_is_met_exactly_on_its_line() -> None:
@@ -86,7 +87,7 @@ def test_equilibrium_glide_holds_the_flight_path_angle_level(spin_radps: float) 
     found = corridor_of(flown)
     held = np.zeros(1, HELD)
     held["cos_bank"], held["lift_area_m2"], held["drag_area_m2"] = 1.0, CL * AREA_M2, CD * AREA_M2
-    world, steepest = flown.world()[0], 0.0
+    world, steepest = world_of(flown)[0], 0.0
     for v, alt in zip(found.v_rel_mps, found.alt_m[EQUILIBRIUM], strict=True):
         if math.isfinite(alt):
             turn = rates(world, held[0], LAT_RAD, float(alt), float(v), 0.0, HEADING_RAD)[4]
@@ -98,7 +99,7 @@ def test_without_a_limit_there_is_no_line() -> None:
     found = flown_by_speed(truth(np.linspace(7000.0, 3000.0, 50)))
     assert found is not None
     none = PathLimits(math.inf, math.inf, math.inf)
-    assert set(corridor(mission().world()[0], none, found, 0.0).drag_mps2) == {EQUILIBRIUM}
+    assert set(corridor(world_of(mission())[0], none, found, 0.0).drag_mps2) == {EQUILIBRIUM}
 
 
 def test_the_corridor_reaches_down_to_the_end_of_the_mission() -> None:
@@ -121,7 +122,7 @@ def test_a_flight_without_air_has_no_corridor() -> None:
 
 
 def test_a_density_outside_the_air_has_no_altitude() -> None:
-    air = mission().world()[0]["atmosphere"]
+    air = world_of(mission())[0]["atmosphere"]
     found = altitude_of_density(air, np.array([RHO0_KGPM3 / math.e, 1e9, 0.0]))
     assert found[0] == pytest.approx(SCALE_M, abs=0.01)
     assert np.isnan(found[1:]).all()

@@ -17,9 +17,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from flight_sw.errors import AeroshellError, FlightError
 from flight_sw.guidance import LAWS
+from sim_harness.flight.outcomes import CLASSES, NUMERICAL
 from sim_harness.mission.dispersion_keys import Requirement
 from sim_harness.mission.documents import DocumentError, content_of, json_of, read_json, short
-from sim_harness.flight.outcomes import CLASSES, NUMERICAL
 from sim_harness.mission.quantities import plain
 from tools.campaign.columns import TEXTS, read_columns
 

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 from flight_sw.errors import AeroshellError, MissionError
 from flight_sw.load_image import image_bytes
-from sim_harness.world.assembly import read_csv
-from sim_harness.mission.documents import read_toml
 from sim_harness.flight.flight import (
     FlightPlan,
     FlightRun,
@@ -22,9 +20,12 @@ from sim_harness.flight.flight import (
     memory_loop,
     onboard_of,
 )
-from sim_harness.mission.mission import Mission, apply, find, leaf_keys, mission_of, resolve
 from sim_harness.flight.outcomes import NUMERICAL
 from sim_harness.flight.summary import flight_facts
+from sim_harness.mission.documents import read_toml
+from sim_harness.mission.mission import Mission, apply, find, leaf_keys, resolve
+from sim_harness.world.assembly import read_csv
+from sim_harness.world.missions import mission_of
 from tools.campaign.profiles import F8, KEY, RATE_HZ, Profiler, speeds
 from tools.gains.body import fill_body
 from tools.gains.image import DESIGN_NAME

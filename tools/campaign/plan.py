@@ -14,7 +14,8 @@ from flight_sw.errors import AeroshellError, FlightError, MissionError
 from flight_sw.runtime.jit import FLIGHT_ROOT, source_hash
 from sim_harness.mission.dispersion_keys import Dispersions, Requirement
 from sim_harness.mission.dispersions import Samples, draw, extremes, fixed, set_of
-from sim_harness.mission.mission import Mission, mission_of
+from sim_harness.mission.mission import Mission
+from sim_harness.world.missions import mission_of
 from tools.campaign.folder import FLIGHTS_MAX, SEED_MAX
 from tools.campaign.job import Flyer, Job, Run, job_of, load_of, resolved
 from tools.gains.image import DESIGN_NAME

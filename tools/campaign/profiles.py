@@ -17,9 +17,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from sim_harness.mission.documents import json_of
 from sim_harness.flight.flight import FlightRun
+from sim_harness.mission.documents import json_of
 from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import truth_of
 from sim_harness.world.records import TRUTH
 from tools.campaign.columns import UNREADABLE, opened, refused
 from tools.campaign.folder import MANIFEST, PROFILES, SPOOL
@@ -53,7 +54,7 @@ class Profiles(NamedTuple):
 
 def speeds(mission: Mission) -> F8:
     """The speeds of the knots, ascending: the same for every flight of a campaign."""
-    entry_mps = float(mission.truth()["v_rel_mps"][0])
+    entry_mps = float(truth_of(mission)["v_rel_mps"][0])
     low_mps = max(mission.end.speed_mps, SPEED_FLOOR * entry_mps)
     return np.linspace(low_mps, max(HEAD_ROOM * entry_mps, low_mps + KNOTS), KNOTS)
 

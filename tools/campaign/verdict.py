@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from flight_sw.errors import MissionError
+from sim_harness.flight.outcomes import CLASSES, NOT_FLOWN
 from sim_harness.mission.dispersion_keys import Requirement
 from sim_harness.mission.errors import nearest
-from sim_harness.flight.outcomes import CLASSES, NOT_FLOWN
 from sim_harness.mission.requirements import MET, Verdict, as_dict, judge
 from tools.campaign.columns import TEXTS, numbers
 from tools.campaign.folder import VERDICT, read_results

@@ -134,8 +134,8 @@ def campaign(
 def _report(folder: Path) -> None:
     """The campaign's own report, new each time the campaign is gone on with."""
     from tools.commands.report import command_of
-    from tools.status_line import Doing
     from tools.report.page import REPORT, write_report
+    from tools.status_line import Doing
 
     with Doing() as doing:
         write_report([folder], folder / REPORT, command_of([folder], None), doing)

@@ -132,9 +132,9 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
     from platform import python_version
 
     from flight_sw.runtime.identity import name_of
+    from sim_harness.flight.summary import pace_text
     from sim_harness.mission.mission import differences
     from sim_harness.replay.script import HARNESS_KEY
-    from sim_harness.flight.summary import pace_text
     from sim_harness.telemetry.reader import RECORDING_KEY
 
     plan = run.plan

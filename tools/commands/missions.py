@@ -12,7 +12,8 @@ def missions(
     as_json: Annotated[bool, typer.Option("--json", help="print a JSON list")] = False,
 ) -> None:
     """List the shipped missions; a path of a mission TOML of your own flies as well."""
-    from sim_harness.mission.mission import list_missions, load_mission
+    from sim_harness.mission.mission import list_missions
+    from sim_harness.world.missions import load_mission
     from tools.gains.image import DESIGN_NAME
     from tools.gains.schema import laws_of, read_tree
 

@@ -23,9 +23,9 @@ def report(
     force: Annotated[bool, typer.Option("--force", help="replace a file that exists")] = False,
 ) -> None:
     """Write what campaigns show as one file: verdicts, corridor, distributions, worst cases."""
-    from tools.status_line import Doing
     from tools.report.page import REPORT, write_report
     from tools.report.source import ReportError
+    from tools.status_line import Doing
 
     path = out or (folders[0] / REPORT if len(folders) == 1 else COMPARISON)
     if path.suffix != ".html":

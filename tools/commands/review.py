@@ -35,11 +35,11 @@ def review(
 ) -> None:
     """Show flights in Rerun: track, corridor, limits, commands, guidance, bus, events."""
     from flight_sw.errors import RecordingError
-    from tools.status_line import Doing
     from tools.review.layout import TABS, blueprint
     from tools.review.review import draw, peak_s, plan
     from tools.review.source import open_flights
     from tools.review.stage import Stage
+    from tools.status_line import Doing
 
     if tab not in TABS:
         raise RecordingError(f"--tab {tab}: allowed are {', '.join(TABS)}")

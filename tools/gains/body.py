@@ -14,9 +14,10 @@ from flight_sw.limits import UNLIMITED
 from flight_sw.load_image import body_spec
 from flight_sw.model.onboard import ALPHA_ROWS, MACH_ROWS
 from flight_sw.records.types_ import Record
-from sim_harness.mission.mission import Mission
 from sim_harness.mission.keys import SAMPLED_ALPHA_DEG
+from sim_harness.mission.mission import Mission
 from sim_harness.world.aerodynamics import areas
+from sim_harness.world.assembly import world_of
 from sim_harness.world.records import AERO_TABLE
 from tools.gains import adaptive, drag, lqy
 from tools.gains.schema import Axis, Design
@@ -75,7 +76,7 @@ def _axis(record: Record, axis: Axis) -> None:
 
 def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
     """Everything of the body that is not the law's."""
-    world = mission.world()[0]
+    world = world_of(mission)[0]
     dt_s = float(world["dt_s"])
     g0_mps2 = float(world["planet"]["g0_mps2"])
     timing, modes, gates = design.timing, design.modes, design.gates

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 from flight_sw import icd
 from flight_sw.errors import DesignError
 from flight_sw.load_image import HEADER, image_bytes, layout_hash, parse_image
-from sim_harness.mission.mission import Mission, find, load_mission
+from sim_harness.mission.mission import Mission, find
+from sim_harness.world.missions import load_mission
 from tools.gains.body import fill_body
 from tools.gains.schema import Design, design_of, read_tree
 

@@ -14,15 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from flight_sw.errors import DesignError
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
-from flight_sw.records.dictionary import NAV
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
-from flight_sw.errors import DesignError
 from flight_sw.model.great_circle import WAY, range_flown
+from flight_sw.records.dictionary import NAV
 from flight_sw.records.types_ import Record
-from sim_harness.mission.mission import Mission
 from sim_harness.flight.profile_flight import fly_profile
+from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.ground_track import fill_way
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag_choices import NominalFlight
@@ -66,8 +67,8 @@ class Problem:
             )
         fill_way(self.way[0], mission)
         self.mission, self.choice, self.target = mission, choice, mission.target
-        self.truth = mission.truth()
-        self.world = mission.world().copy()
+        self.truth = truth_of(mission)
+        self.world = world_of(mission).copy()
         self.world["dt_s"] = 1.0 / choice.rate_hz
         self.world["aerodynamics"]["side_lift_ratio"] = 0.0
         # What the mission lays on the world is not for the computer to know.

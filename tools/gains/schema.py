@@ -7,16 +7,23 @@ from pydantic import Field, ValidationError, model_validator
 
 from flight_sw.errors import DesignError
 from flight_sw.guidance import LAWS
-from flight_sw.guidance.heat_flux import adaptive
-from flight_sw.guidance.heat_flux import lqy
-from flight_sw.guidance.heat_flux import nominal
+from flight_sw.guidance.heat_flux import adaptive, lqy, nominal
 from flight_sw.limits import AXIS_LIMITS
 from flight_sw.load_image import DIVIDER_MAX
 from flight_sw.modes import MODE_DESIGN
 from flight_sw.reception.plausibility import GATES
 from sim_harness.mission.documents import quoted, read_toml
 from sim_harness.mission.errors import sentence
-from sim_harness.mission.quantities import INF, Quantity, Section, Series, Text, loaded, plain, refusal
+from sim_harness.mission.quantities import (
+    INF,
+    Quantity,
+    Section,
+    Series,
+    Text,
+    loaded,
+    plain,
+    refusal,
+)
 from tools.gains.drag_choices import DragTracking, NominalFlight, RangePredictor
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from flight_sw.errors import AeroshellError
 from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import world_of
 from tools.campaign.profiles import Profiles
 from tools.report.drawing import INK, LIMIT, colour, figure, image, limit_line, off_panel, style
 from tools.report.source import Source
@@ -85,7 +86,7 @@ def limits_of(mission: Mission, profiles: Profiles) -> Corridor | None:
         mission.limits.dynamic_pressure_max_kpa * 1e3,
     )
     with np.errstate(all="ignore"):
-        return corridor(mission.world()[0], limits, flown, 0.0)
+        return corridor(world_of(mission)[0], limits, flown, 0.0)
 
 
 def _bands(axes: Any, panel: Panel, sources: Sequence[Source]) -> float:

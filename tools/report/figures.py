@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim_harness.mission.dispersion_keys import Requirement
 from sim_harness.flight.outcomes import CLASSES, NOMINAL
+from sim_harness.mission.dispersion_keys import Requirement
 from tools.report.drawing import (
     COLOURS,
     INK,

@@ -13,11 +13,12 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from flight_sw.errors import AeroshellError
-from sim_harness.mission.dispersion_keys import Requirement
-from sim_harness.mission.mission import Mission, mission_of
 from sim_harness.flight.outcomes import CLASSES, NOT_FLOWN
+from sim_harness.mission.dispersion_keys import Requirement
+from sim_harness.mission.mission import Mission
 from sim_harness.mission.quantities import plain
 from sim_harness.mission.requirements import Verdict, judge
+from sim_harness.world.missions import mission_of
 from tools.campaign.columns import TEXTS, numbers
 from tools.campaign.folder import (
     JOURNAL,

@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE
-from sim_harness.mission.mission import Mission, load_mission
 from sim_harness.flight.profile_flight import fly_profile
 from sim_harness.flight.terminal import state_at_end, terminal_errors
+from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from sim_harness.world.records import TRUTH
 from tools.campaign.engine import results_of
 from tools.campaign.job import Flyer, Run, job_of
@@ -110,7 +112,7 @@ def monte_carlo(law: str, settings: tuple[str, ...], n: int) -> Spread:
 
 def _lift_up(mission: Mission) -> float:
     """Downrange error in km of a flight that holds full lift up from entry to end."""
-    world, truth = mission.world(), mission.truth()
+    world, truth = world_of(mission), truth_of(mission)
     profile = np.zeros(1, BANK_PROFILE.dtype)
     profile["v_fast_mps"] = 1.0
     log = np.zeros(math.ceil(mission.end.time_max_s * mission.guidance.rate_hz) + 2, TRUTH)

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw import modes
-from flight_sw.records import status
 from flight_sw.errors import AeroshellError
 from flight_sw.icd import FRAME_BYTES
+from flight_sw.records import status
 from sim_harness.bus.load_model import BITRATE_BPS, worst_frame_bits
 from sim_harness.telemetry.events import changes, value_names
 from sim_harness.telemetry.wire import groups_of

@@ -20,6 +20,7 @@ from sim_harness.flight.flight import FlightRun
 from sim_harness.telemetry.decode import NO_SLOT, Decoder
 from sim_harness.telemetry.events import Events
 from sim_harness.telemetry.records import BUS_LOG, LogLevel, LogLine
+from sim_harness.world.assembly import truth_of, world_of
 from tools.review import globe, layout, plots
 from tools.review.chart import Chart, Scale
 from tools.review.columns import target_of, thinned
@@ -76,7 +77,7 @@ class LiveFlight(FlightData):
         self.gaps: list[str] = []
         self.mission = mission
         self.limits = limits_of(mission)
-        self.world = mission.world()[0]
+        self.world = world_of(mission)[0]
         self.planet_radius_m = mission.planet.radius_km * 1e3
         self.tables = mission.model_dump()
         self.recording = LiveRecording(Decoder(icd.LAYOUT), manifest)  # type: ignore[assignment]
@@ -233,7 +234,7 @@ class Painter:
         """Draw until there is no more."""
         stage = self._stage
         assert self._flight.mission is not None
-        ahead = globe.track_ahead(self._flight.mission.truth(), self._body)
+        ahead = globe.track_ahead(truth_of(self._flight.mission), self._body)
         eye = globe.eye(ahead, self._body)
         shape = layout.Shape(self._panels, self._charts, (self._body, eye), np.inf)
         stage.connect(self._url, layout.blueprint(shape))
@@ -295,7 +296,7 @@ def panels_for(flight: LiveFlight, telemetry: tuple[str, ...]) -> list[tuple[Pan
         if not message.name.startswith("TM_")
         or {s.name for s in message.signals[2:]} <= set(telemetry)
     ]
-    fields = tuple(flight.mission.truth().dtype.names or ()) if flight.mission else ()
+    fields = tuple(truth_of(flight.mission).dtype.names or ()) if flight.mission else ()
     panels = [*PANELS, *(TO_GO if target_of(flight) else ())]
     panels += [*telemetry_panels(sent, fields), *bus_panels(sent)]
     return [(panel, ends_from_zero(panel, [flight]) if panel.limit else None) for panel in panels]
@@ -305,7 +306,7 @@ def charts_for(flight: LiveFlight) -> tuple[Chart, Chart]:
     """The charts, scaled by the mission: nothing has been flown yet."""
     mission = flight.mission
     assert mission is not None
-    fast = float(mission.truth()["v_rel_mps"][0])
+    fast = float(truth_of(mission)["v_rel_mps"][0])
     speed = Scale("speed relative to the air, m/s", mission.end.speed_mps * 0.9, fast * 1.03)
     drag = mission.limits.load_factor_max_g * mission.planet.g0_mps2 * DRAG_ROOM
     return (

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.runtime.echo import echoed
 from flight_sw.errors import AeroshellError, RecordingError
+from flight_sw.runtime.echo import echoed
 from sim_harness.mission import documents
-from sim_harness.mission.mission import Mission, apply, mission_of
+from sim_harness.mission.mission import Mission, apply
 from sim_harness.telemetry.reader import Recording, open_recording
 from sim_harness.telemetry.records import RECORDING_NAME
+from sim_harness.world.assembly import world_of
+from sim_harness.world.missions import mission_of
 from tools.review.corridor import PathLimits
 from tools.review.stage import part
 
@@ -111,7 +113,7 @@ class FlightData:
                 apply(raw, overrides)
                 self._bring_table(raw, path.with_name("atmosphere.csv"))
                 mission = mission_of(raw, path, echoed(names[0]))
-                return mission, mission.world()[0]
+                return mission, world_of(mission)[0]
         except (AeroshellError, ValueError, OSError, RecursionError) as error:
             reason = echoed((str(error).splitlines() or [type(error).__name__])[0])
             self.gaps.append(f"its mission is not understood, {reason}: no planet and limits")

@@ -3,8 +3,8 @@
 import math
 
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 
 def _speeds_in_order(profile: Record) -> str:

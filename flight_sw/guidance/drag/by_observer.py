@@ -10,12 +10,12 @@ Limits: as `drag_tracking`; a ratio that moves faster than the observer's eps is
 
 from flight_sw import icd
 from flight_sw.estimation import observers
-from flight_sw.records import status
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.guidance.drag import tracking as drag_tracking
 from flight_sw.guidance.drag.tracking import DRAG_MIN_MPS2
-from flight_sw.runtime.jit import kernel
+from flight_sw.records import status
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 OBSERVES_ERROR, OBSERVES_RATIO = 0, 1
 

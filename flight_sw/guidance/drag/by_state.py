@@ -4,11 +4,11 @@ The rate of the drag follows from the motion and the load's density slope (Eq. 8
 could only know with exact air. It is the law that `drag-observer` is measured against.
 """
 
+from flight_sw.guidance.drag import tracking as drag_tracking
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.guidance.drag import tracking as drag_tracking
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 TELEMETRY = drag_tracking.TELEMETRY
 PHASES = drag_tracking.PHASES

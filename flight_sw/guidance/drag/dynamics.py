@@ -12,8 +12,8 @@ import math
 
 from flight_sw.model.atmosphere import log_density_slopes
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 V_MIN_MPS = 1.0  # floor of the speed in divisions, no effect above it
 

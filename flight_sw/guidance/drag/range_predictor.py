@@ -11,15 +11,15 @@ Limits: one degree of freedom, so speed or altitude at the target is what it tur
 
 import math
 
-from flight_sw.model import prediction
-from flight_sw.records import status
-from flight_sw.guidance.drag.bank_profile import nominal_bank
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.guidance.drag import by_observer as drag_observer
 from flight_sw.guidance.drag import tracking as drag_tracking
+from flight_sw.guidance.drag.bank_profile import nominal_bank
 from flight_sw.guidance.drag.tracking import DRAG_MIN_MPS2
-from flight_sw.runtime.jit import kernel
+from flight_sw.model import prediction
+from flight_sw.records import status
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 RATIO_MIN = 0.1  # of sensed to modelled drag: less is not believed
 

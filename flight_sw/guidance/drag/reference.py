@@ -5,10 +5,10 @@ The index is the Jacobi energy; speed and time are there to compare with.
 Limits: outside its rows the end rows are held and drag has no slope there.
 """
 
-from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.model.tables import bracket
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 ROWS = 512
 BY_ENERGY, BY_SPEED, BY_TIME = 0, 1, 2

@@ -10,15 +10,15 @@ Limits: magnitude of bank alone, positive; constant angle of attack.
 import math
 
 from flight_sw import icd
-from flight_sw.records import status
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, NOMINAL, REFERENCE, look_up
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.model.great_circle import WAY, range_flown
-from flight_sw.runtime.jit import kernel
 from flight_sw.model.onboard import FORCES, modelled_forces
+from flight_sw.records import status
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 WAITING, TRACKING = 0, 1
 PHASES = ("waiting", "tracking")

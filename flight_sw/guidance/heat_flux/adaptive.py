@@ -10,8 +10,8 @@ Limits: bank alone; an error that stays grows a gain of T_i e^2 / sigma_i.
 import math
 
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 DIFFERENCE, ANALYTIC, OBSERVER = 0, 1, 2
 RATES = ("difference", "analytic", "observer")

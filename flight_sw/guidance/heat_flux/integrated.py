@@ -4,11 +4,9 @@ Source: [MOOIJ18] sec. III, Fig. 3. Both loops see the same errors, and their co
 The modules it is made of: nominal.py, lqy.py, sag.py.
 """
 
-from flight_sw.guidance.heat_flux import lqy
-from flight_sw.guidance.heat_flux import nominal
-from flight_sw.guidance.heat_flux import sag
-from flight_sw.runtime.jit import kernel
+from flight_sw.guidance.heat_flux import lqy, nominal, sag
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 DESIGN = sag.DESIGN
 STATE = sag.STATE

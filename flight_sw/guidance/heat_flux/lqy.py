@@ -9,12 +9,12 @@ Limits: bank only; load-factor error one-sided, so the loop never drives the loa
 
 import math
 
-from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.guidance.heat_flux import nominal
-from flight_sw.runtime.jit import kernel
 from flight_sw.model.onboard import specific_energy
 from flight_sw.model.tables import between, place
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 GAIN_ROWS = 32
 

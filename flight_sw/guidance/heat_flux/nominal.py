@@ -15,12 +15,12 @@ model of the heat flux must be at its peak too, or a low-passed heat flux have f
 
 import math
 
+from flight_sw.guidance.heat_flux.peak import crosses_set_point, low_pass, passes_peak
+from flight_sw.model.onboard import FORCES, modelled_forces
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.guidance.heat_flux.peak import crosses_set_point, low_pass, passes_peak
-from flight_sw.runtime.jit import kernel
-from flight_sw.model.onboard import FORCES, modelled_forces
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 PRE_PEAK, POST_PEAK, HEAT_FLUX, TRANSITION = 0, 1, 2, 3
 PHASES = ("pre-peak", "post-peak", "heat-flux", "transition")

@@ -10,8 +10,8 @@ Limits: a model whose peak comes late delays it until the low pass is 2 % of the
 import math
 
 from flight_sw.model.atmosphere import log_density_slopes
-from flight_sw.runtime.jit import kernel
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 PEAK_BY = ("samples", "model")
 BY_SAMPLES, BY_MODEL = 0, 1

@@ -11,9 +11,7 @@ Limits: bank only; load-factor error one-sided; no guard against heat after the 
 import math
 
 from flight_sw.estimation import observers
-from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.guidance.heat_flux import lqy
-from flight_sw.guidance.heat_flux import nominal
+from flight_sw.guidance.heat_flux import lqy, nominal
 from flight_sw.guidance.heat_flux.adaptive import (
     DIFFERENCE,
     OBSERVER,
@@ -22,8 +20,9 @@ from flight_sw.guidance.heat_flux.adaptive import (
     adapted,
     rate_by_difference,
 )
-from flight_sw.runtime.jit import kernel
+from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
 
 PHASES = nominal.PHASES
 TELEMETRY = (

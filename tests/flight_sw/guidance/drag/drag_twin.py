@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from tests.flight_sw.guidance.drag.test_drag_dynamics import printed_f
 from tests.flight_sw.guidance.heat_flux.adaptive_twin import observed
 from tests.flight_sw.mars_cases import LIFT_TO_DRAG, MU, RADIUS_M, SCALE_M, model_drag
-from tests.flight_sw.guidance.drag.test_drag_dynamics import printed_f
 
 Values = dict[str, Any]
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.records.dictionary import NAV
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.model.onboard import PLANET
-from sim_harness.world import vehicle
-from sim_harness.mission.mission import load_mission
-from sim_harness.world import atmosphere
+from flight_sw.records.dictionary import NAV
+from sim_harness.world import atmosphere, vehicle
+from sim_harness.world.assembly import truth_of, world_of
+from sim_harness.world.missions import load_mission
 from tests.flight_sw.mars_cases import MU, RADIUS_M, RHO0, SCALE_M
 
 AIR = atmosphere.exponential(RHO0, SCALE_M, 220.0)
@@ -76,7 +76,7 @@ def flight(request: pytest.FixtureRequest) -> Any:
     """Truth at three consecutive frames of 1 ms, at places along a flight with constant bank."""
     overrides = {"guidance.rate_hz": RATE_HZ, **FLIGHTS[request.param]}
     mission = load_mission("mars-lander", overrides)
-    world, truth, bank = mission.world()[0], mission.truth(), math.radians(52.0)
+    world, truth, bank = world_of(mission)[0], truth_of(mission), math.radians(52.0)
     spin = mission.planet.rotation_radps
     places, kept = [], []
     for speed_mps in (6700.0, 6000.0, 4500.0, 2500.0, 900.0):
@@ -84,7 +84,7 @@ def flight(request: pytest.FixtureRequest) -> Any:
             kept = [*kept[-2:], truth.copy()]
             vehicle.advance(world, truth[0], bank, 0.0)
         places.append(kept)
-    return spin, bank, mission.world()["atmosphere"], places
+    return spin, bank, world_of(mission)["atmosphere"], places
 
 
 def nav_of(frame: Any) -> Any:
@@ -124,7 +124,7 @@ def test_energy_falls_by_speed_times_drag(flight: Any) -> None:
 
 
 def test_slopes_of_the_density_are_those_of_its_table() -> None:
-    air = load_mission("hyperion-1").world()["atmosphere"][0]
+    air = world_of(load_mission("hyperion-1"))["atmosphere"][0]
     from flight_sw.model.atmosphere import density, log_density_slopes
 
     for alt_m in (3e3, 11_500.0, 30e3, 71_200.0, 95e3):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from flight_sw.records import status
-from flight_sw.guidance.drag import tracking as drag_tracking
 from flight_sw.guidance.drag import range_predictor
+from flight_sw.guidance.drag import tracking as drag_tracking
+from flight_sw.records import status
 from tests.flight_sw.guidance.drag.drag_twin import DragTwin, ErrorTwin, ratio
 from tests.flight_sw.mars_cases import LAWS, Case, fix_near, model_drag
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from flight_sw.errors import LoadError
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.reference import NOMINAL, REFERENCE, look_up
-from flight_sw.errors import LoadError
 from flight_sw.model.great_circle import WAY, range_flown
-from sim_harness.mission.mission import load_mission
 from sim_harness.world.ground_track import fill_way
+from sim_harness.world.missions import load_mission
 
 
 @pytest.fixture

@@ -6,7 +6,14 @@ The observer is integrated by itself, in small steps of its differential equatio
 
 import math
 
-from tests.flight_sw.guidance.heat_flux.guidance_twin import MU, RADIUS_M, LqyTwin, Values, areas_m2, density
+from tests.flight_sw.guidance.heat_flux.guidance_twin import (
+    MU,
+    RADIUS_M,
+    LqyTwin,
+    Values,
+    areas_m2,
+    density,
+)
 
 OBSERVER_STEPS = 400  # midpoint rule, in a period
 

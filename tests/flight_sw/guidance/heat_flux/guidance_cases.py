@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from flight_sw.records.dictionary import GUIDANCE, NAV
 from flight_sw.guidance import law_module, law_step
+from flight_sw.records.dictionary import GUIDANCE, NAV
 from sim_harness.world import atmosphere
 from tests.flight_sw.guidance.heat_flux.guidance_twin import (
     AIR_SCALE_M,

@@ -6,10 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.records import status
-from flight_sw.guidance.heat_flux import integrated
-from flight_sw.guidance.heat_flux import nominal
-from flight_sw.guidance.heat_flux import sag
+from flight_sw.guidance.heat_flux import integrated, nominal, sag
 from flight_sw.guidance.heat_flux.adaptive import (
     HUGE,
     TRACKER,
@@ -17,6 +14,7 @@ from flight_sw.guidance.heat_flux.adaptive import (
     adapted,
     rate_by_difference,
 )
+from flight_sw.records import status
 from tests.flight_sw.guidance.heat_flux.adaptive_twin import SagTwin
 from tests.flight_sw.guidance.heat_flux.guidance_cases import (
     HEAT_FLUX_MAX_WPM2,

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from flight_sw.guidance.heat_flux import lqy, nominal
 from flight_sw.records import status
-from flight_sw.guidance.heat_flux import lqy
-from flight_sw.guidance.heat_flux import nominal
 from tests.flight_sw.guidance.heat_flux.guidance_cases import (
     HEAT_FLUX_MAX_WPM2,
     Case,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flight_sw.records import status
 from flight_sw.guidance.heat_flux import nominal
 from flight_sw.guidance.heat_flux.nominal import path_angle_command, smooth_step
+from flight_sw.records import status
 from tests.flight_sw.guidance.heat_flux.guidance_cases import (
     HEAT_FLUX_MAX_WPM2,
     Case,

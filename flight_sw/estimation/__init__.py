@@ -1,0 +1,1 @@
+"""What is estimated from navigation fixes: observers."""

@@ -1,0 +1,1 @@
+"""What the flight computer believes of vehicle, planet and air."""

@@ -1,0 +1,1 @@
+"""Record types: fields with ranges, the data dictionary, status codes."""
