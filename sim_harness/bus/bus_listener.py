@@ -19,8 +19,8 @@ from flight_sw.can.sockets import new_io, receive_now
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
 from sim_harness.bus.hub_log import RING_FRAMES, RING_MASK, TAP
-from sim_harness.flight.fence import memory_fence
-from sim_harness.flight.logs import Logs, log_frame
+from sim_harness.fence import memory_fence
+from sim_harness.telemetry.logs import Logs, log_frame
 from sim_harness.jit import kernel
 
 NO_SOCKET = -1

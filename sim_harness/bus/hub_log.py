@@ -4,7 +4,7 @@ import numpy as np
 
 from flight_sw.can.sockets import copy_frame
 from flight_sw.records.types_ import Frames, Record
-from sim_harness.flight.fence import memory_fence
+from sim_harness.fence import memory_fence
 from sim_harness.jit import kernel
 
 RING_FRAMES = 1 << 18  # half a minute of a full bus: nobody takes them while the loop compiles

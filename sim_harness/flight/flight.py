@@ -30,7 +30,7 @@ from flight_sw.runtime.identity import ALONE, NOBODY, draw_number
 from flight_sw.runtime.kernel_cache import on_compiling
 from sim_harness.bus.bus_listener import Ear
 from sim_harness.flight.error_watch import ErrorWatch
-from sim_harness.flight.logs import BUS, COMMANDS, TRUTHS, Logs
+from sim_harness.telemetry.logs import BUS, COMMANDS, TRUTHS, Logs
 from sim_harness.flight.loop import (
     BUS_LOST,
     COMPUTER_SILENT,

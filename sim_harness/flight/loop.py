@@ -20,7 +20,7 @@ from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import add
 from sim_harness.bus.bus_listener import Ear, hear
-from sim_harness.flight.logs import (
+from sim_harness.telemetry.logs import (
     BUS,
     N_LOGS,
     TRUTHS,

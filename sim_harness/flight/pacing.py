@@ -19,7 +19,7 @@ from flight_sw.records.dictionary import RX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from sim_harness.bus.bus_listener import hear
-from sim_harness.flight.logs import Logs, publish
+from sim_harness.telemetry.logs import Logs, publish
 from sim_harness.flight.loop import (
     BUS_LOST,
     COMPUTER_SILENT,

@@ -30,8 +30,8 @@ from sim_harness.mission.quantities import (
     refusal,
     span_of,
 )
-from sim_harness.world.heating import heating_factor
-from sim_harness.world.records import AERO_TABLE_MAX
+from sim_harness.mission.heating_factor import heating_factor
+from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 SOUND_SPEED_MPS = (10.0, 1e4)
 SAMPLED_ALPHA_DEG = np.linspace(-5.0, 90.0, 77)

@@ -22,16 +22,3 @@ def heat_flux(heating: Record, rho_kgpm3: float, v_rel_mps: float) -> float:
     else:
         velocity_part = math.pow(v_rel_mps, heating["velocity_exponent"])
     return heating["factor_si"] * density_part * velocity_part
-
-
-def heating_factor(
-    coefficient: float,
-    nose_radius_m: float,
-    rho_ref_kgpm3: float,
-    v_ref_mps: float,
-    density_exponent: float,
-    velocity_exponent: float,
-) -> float:
-    """c1/sqrt(R_N)/rho_ref^a/V_ref^b in SI units."""
-    reference = rho_ref_kgpm3**density_exponent * v_ref_mps**velocity_exponent
-    return coefficient / math.sqrt(nose_radius_m) / reference

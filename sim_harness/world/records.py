@@ -4,8 +4,7 @@ import numpy as np
 
 from flight_sw.model.atmosphere import ATMOSPHERE
 from flight_sw.model.great_circle import WAY
-
-AERO_TABLE_MAX = 12  # rows (angle of attack) and columns (Mach)
+from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 # Aerodynamic models; never renumbered.
 AERO_CONSTANT = 0

@@ -13,7 +13,7 @@ from sim_harness.bus.bus_listener import Ear, hub_ear, no_ear, socket_ear
 from sim_harness.bus.hub import Hub
 from sim_harness.bus.hub_log import RING_FRAMES, TAP
 from sim_harness.flight.flight import FlightRun
-from sim_harness.flight.logs import BUS
+from sim_harness.telemetry.logs import BUS
 from sim_harness.jit import kernel
 from tests.sim_harness.test_hub import Client, numbered
 from tests.system.flights import Frames, built, run_of

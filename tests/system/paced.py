@@ -20,7 +20,7 @@ from flight_sw.records.types_ import Record
 from flight_sw.runtime.histogram import upper_edge_ns
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightRun, fly_memory
-from sim_harness.flight.logs import COMMANDS
+from sim_harness.telemetry.logs import COMMANDS
 from sim_harness.world.missions import load_mission
 from tests.allowances import SLIPPED
 from tests.system.flights import MISSION, PIECES, Built, design, run_of

@@ -7,7 +7,7 @@ import pytest
 
 from flight_sw.load_image import activate, image_bytes, parse_image
 from flight_sw.records.dictionary import FRAME
-from sim_harness.flight.logs import Logs
+from sim_harness.telemetry.logs import Logs
 from sim_harness.world.missions import load_mission
 from sim_harness.world.records import END_CONDITION
 from tests.system.flights import MISSION, NAV_FRAMES, Built, Computer, World, design

@@ -8,17 +8,7 @@ import typer
 
 from flight_sw.runtime.echo import echoed
 from flight_sw.runtime.streams import tell
-
-DISPLAY = {  # SI unit at the end of a name: factor and unit to show
-    "wpm2": (1e-3, "kW/m2"),
-    "jpm2": (1e-6, "MJ/m2"),
-    "pa": (1e-3, "kPa"),
-    "m": (1e-3, "km"),
-    "mps": (1.0, "m/s"),
-    "mps2": (1.0, "m/s2"),
-    "g": (1.0, "g"),
-}
-
+from tools.display_units import DISPLAY
 
 TIMING_KEY = "timing"  # told by `aeroshell timing`
 VALUE_MAX, KEY_MAX = 2000, 40  # characters of the manifest that are shown

@@ -2,7 +2,7 @@
 
 import math
 
-from tools.commands.info import DISPLAY
+from tools.display_units import DISPLAY
 from tools.flight_facts import extremes
 from tools.review.columns import minor_frames, missing_frames
 from tools.review.signals import shown

@@ -15,7 +15,7 @@ from flight_sw.guidance.drag import by_observer as drag_observer
 from flight_sw.guidance.drag import tracking as drag_tracking
 from flight_sw.guidance.drag.bank_profile import nominal_bank
 from flight_sw.guidance.drag.tracking import DRAG_MIN_MPS2
-from flight_sw.model import prediction
+from flight_sw.guidance.drag import prediction
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record

@@ -13,7 +13,7 @@ from flight_sw.can.sockets import copy_frame
 from flight_sw.computer import COMMAND
 from flight_sw.records.dictionary import RX_CAPACITY
 from flight_sw.records.types_ import Record
-from sim_harness.flight.fence import memory_fence
+from sim_harness.fence import memory_fence
 from sim_harness.jit import kernel
 
 COMMANDS, BUS, TRUTHS, N_LOGS = 0, 1, 2, 3  # the ring logs

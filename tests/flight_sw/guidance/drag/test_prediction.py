@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.model import prediction
+from flight_sw.guidance.drag import prediction
 from flight_sw.model.onboard import PLANET
 from flight_sw.records import status
 from flight_sw.records.dictionary import NAV
