@@ -6,7 +6,7 @@ from flight_sw.runtime.streams import is_watched
 from tools.console import progress_console
 
 
-class Doing:
+class StatusLine:
     """A line that says what is done now, gone when it is done; nothing where stderr is a file."""
 
     def __enter__(self) -> Self:

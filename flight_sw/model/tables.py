@@ -29,7 +29,7 @@ def bracket(x: float, grid: F8, n: int) -> int:
 
 
 @kernel
-def place(x: float, grid: F8, n: int) -> tuple[int, float]:
+def locate(x: float, grid: F8, n: int) -> tuple[int, float]:
     """Row of x in the first n of a grid, and its share of the way to the next: 0 outside."""
     if x <= grid[0]:
         return 0, 0.0

@@ -22,7 +22,7 @@ import numpy as np
 from flight_sw.can.address import IS_ANOTHERS, IS_FULL, UNIX_PATH_MAX_BYTES, greeting
 from flight_sw.errors import BusError
 from flight_sw.runtime.privileges import punctual_processor, take_priority
-from sim_harness.bus.bus_listener import Ear, hub_ear
+from sim_harness.bus.bus_listener import BusListener, hub_listener
 from sim_harness.bus.pump import (
     ACCEPT,
     CLIENTS_MAX,
@@ -105,9 +105,9 @@ class Hub:
     """A running bus on a socket file: `with Hub(path) as hub: ...`, or start() and stop().
 
     A prompt hub is there for real time: nothing but its equals keeps it waiting, where the system
-    permits it. Any other lets the sender finish its burst before it takes the processor. A tapped
-    hub keeps what it moves for an ear in this process. Clients of other users than its own and the
-    superuser are turned away, whatever the socket file permits.
+    permits it. Any other lets the sender finish its burst before it takes the processor. A logged
+    hub keeps what it moves for a bus listener in this process. Clients of other users than its own
+    and the superuser are turned away, whatever the socket file permits.
     """
 
     def __init__(
@@ -115,13 +115,13 @@ class Hub:
         path: str | Path,
         *,
         prompt: bool = False,
-        tapped: bool = False,
+        logged: bool = False,
         tell: Callable[[str], object] = lambda text: None,
     ) -> None:
         self.path = Path(path)
         self.prompt = prompt
         self._hub = new_hub()
-        self._buffers = new_buffers(tapped=tapped)
+        self._buffers = new_buffers(logged=logged)
         self._clients: dict[int, socket.socket] = {}
         self._connections = self._refused = 0
         self._tell = tell
@@ -182,9 +182,9 @@ class Hub:
         )
 
     @property
-    def ear(self) -> Ear:
-        """What hears everything that a tapped hub moves."""
-        return hub_ear(self._buffers.tap, self._buffers.ring)
+    def bus_listener(self) -> BusListener:
+        """What hears everything that a logged hub moves."""
+        return hub_listener(self._buffers.hub_log, self._buffers.ring)
 
     def _pump(self) -> int:
         return int(pump(self._hub, self._buffers))

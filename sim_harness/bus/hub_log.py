@@ -10,7 +10,7 @@ from sim_harness.jit import kernel
 RING_FRAMES = 1 << 18  # half a minute of a full bus: nobody takes them while the loop compiles
 RING_MASK = RING_FRAMES - 1
 
-TAP = np.dtype(
+HUB_LOG = np.dtype(
     [
         ("claimed", "i8"),  # frames whose places are being written, or have been
         ("kept", "i8"),  # frames that have been written
@@ -22,13 +22,13 @@ TAP = np.dtype(
 
 
 @kernel
-def keep(tap: Record, ring: Frames, frames: Frames, n: int) -> None:
+def keep(hub_log: Record, ring: Frames, frames: Frames, n: int) -> None:
     """Keep frames, on behalf of the hub; a ring without room for any keeps none."""
     if len(ring) == 0:
         return
-    tap["claimed"] += n
+    hub_log["claimed"] += n
     memory_fence()
     for i in range(n):
-        copy_frame(frames[i], ring[(tap["kept"] + i) & RING_MASK])
+        copy_frame(frames[i], ring[(hub_log["kept"] + i) & RING_MASK])
     memory_fence()
-    tap["kept"] += n
+    hub_log["kept"] += n

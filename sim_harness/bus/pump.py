@@ -27,7 +27,7 @@ from flight_sw.can.sockets import (
 )
 from flight_sw.records.dictionary import FRAME
 from flight_sw.records.types_ import Frames, Record
-from sim_harness.bus.hub_log import RING_FRAMES, TAP, keep
+from sim_harness.bus.hub_log import HUB_LOG, RING_FRAMES, keep
 from sim_harness.jit import kernel
 
 CLIENTS_MAX = 32
@@ -72,7 +72,7 @@ class Buffers(NamedTuple):
     queues: Frames  # (CLIENTS_MAX, QUEUE_FRAMES)
     io: npt.NDArray[np.void]
     frames: Frames  # (BATCH,)
-    tap: npt.NDArray[np.void]  # (1,)
+    hub_log: npt.NDArray[np.void]  # (1,)
     ring: Frames  # of the tap; empty: nothing is kept
 
 
@@ -152,7 +152,7 @@ def _forward(hub: Record, buffers: Buffers, source: int) -> int:
         clients[source]["state"] = GONE
         return 0
     hub["frames_received"] += n
-    keep(buffers.tap[0], buffers.ring, frames, n)
+    keep(buffers.hub_log[0], buffers.ring, frames, n)
     for i in range(CLIENTS_MAX):
         if n > 0 and i != source and clients[i]["state"] == OPEN:
             _deliver(hub, buffers.queues[i], io, clients[i], frames, n)
@@ -200,12 +200,12 @@ def new_hub() -> npt.NDArray[np.void]:
     return hub
 
 
-def new_buffers(*, tapped: bool) -> Buffers:
-    """Empty buffers; a tapped hub keeps what it moves."""
+def new_buffers(*, logged: bool) -> Buffers:
+    """Empty buffers; a logged hub keeps what it moves."""
     return Buffers(
         queues=np.zeros((CLIENTS_MAX, QUEUE_FRAMES), FRAME),
         io=new_io(),
         frames=np.zeros(BATCH, FRAME),
-        tap=np.zeros(1, TAP),
-        ring=np.zeros(RING_FRAMES if tapped else 0, FRAME),
+        hub_log=np.zeros(1, HUB_LOG),
+        ring=np.zeros(RING_FRAMES if logged else 0, FRAME),
     )

@@ -27,7 +27,7 @@ def places() -> list[str]:
 
 
 @contextmanager
-def bus_place() -> Iterator[Path]:
+def socket_path() -> Iterator[Path]:
     """A path for a socket, in a folder that goes when the block ends."""
     for place in places():
         try:

@@ -22,9 +22,9 @@ from flight_sw.runtime.privileges import (
     unlock_memory,
 )
 from flight_sw.runtime.scheduling import run_in_bursts
-from sim_harness.bus.bus_listener import no_ear, socket_ear
+from sim_harness.bus.bus_listener import no_listener, socket_listener
 from sim_harness.bus.hub import Hub
-from sim_harness.bus.socket_path import bus_place
+from sim_harness.bus.socket_path import socket_path
 from sim_harness.flight.computer_process import ComputerProcess
 from sim_harness.flight.flight import FlightPlan, FlightRun
 from sim_harness.flight.loop import BUS_LOST, COMPUTER_SILENT, Wire, fly_in_lockstep
@@ -65,19 +65,19 @@ class BusFlight:
 
     def __init__(self, run: FlightRun, resources: ExitStack) -> None:
         self.run = run
-        self.ear = no_ear()
+        self.bus_listener = no_listener()
         plan = run.plan
         address = plan.bus
         if plan.bus == "unix":
-            path = resources.enter_context(bus_place())
+            path = resources.enter_context(socket_path())
             with run.compiling("the bus"):
-                hub = Hub(path, prompt=plan.pace > 0.0, tapped=plan.recorded, tell=run.warn)
-                self.ear = resources.enter_context(hub).ear
+                hub = Hub(path, prompt=plan.pace > 0.0, logged=plan.recorded, tell=run.warn)
+                self.bus_listener = resources.enter_context(hub).bus_listener
             address = f"unix:{path}"
         elif plan.recorded:  # before the socket for the answers, so that it hears them first
-            self.ear = socket_ear(self._open(resources, address).fileno())
-        run.harness["has_ear"] = int(plan.recorded)
-        run.hear(self.ear)  # compiles what the ear takes, before there is anything to miss
+            self.bus_listener = socket_listener(self._open(resources, address).fileno())
+        run.harness["has_bus_listener"] = int(plan.recorded)
+        run.hear(self.bus_listener)  # compiles its kernels before there is anything to miss
         self.bus = self._open(resources, address)
         self.company = Company(plan.bus, run.number, run.image.crc32)
         self.presence = Presence(self.bus, run.number)
@@ -90,7 +90,7 @@ class BusFlight:
                 ComputerProcess(plan.load_path, address, computer_options(plan), run.warn)
             )
         self.processor = punctual_processor()
-        self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx, self.ear)
+        self.wire = Wire(self.bus.fileno(), new_io(RX_CAPACITY), run.rx, run.tx, self.bus_listener)
 
     @staticmethod
     def _open(resources: ExitStack, address: str) -> socket.socket:
@@ -147,7 +147,7 @@ class BusFlight:
         silence_max_s = SIGN_OF_LIFE_S if self.computer is None else START_UP_S
         while not company.ready() or time.monotonic() - start_s < self.listen_s:
             self._hear()
-            self.run.hear(self.ear)
+            self.run.hear(self.bus_listener)
             if self.computer is not None:
                 self.computer.fail_if_ended()
             company.check_harnesses(claimed=True)
@@ -212,14 +212,14 @@ class BusFlight:
 
     @contextmanager
     def _hearing(self) -> Iterator[None]:
-        """Have the ear emptied while something else takes long."""
+        """Have the bus listener emptied while something else takes long."""
         over = threading.Event()
 
         def hear() -> None:
             while not over.wait(HEAR_PAUSE_S):
-                self.run.hear(self.ear)
+                self.run.hear(self.bus_listener)
 
-        thread = threading.Thread(target=hear, name="ear")
+        thread = threading.Thread(target=hear, name="bus-listener")
         thread.start()
         try:
             yield
@@ -230,8 +230,8 @@ class BusFlight:
     def _hear_the_rest(self) -> None:
         """Have recorded what is still on its way; a bus that never rests is left after a moment."""
         end_s = time.monotonic() + REST_MAX_S
-        while self.run.harness["has_ear"][0] and time.monotonic() < end_s:
-            if self.run.hear(self.ear) == 0:
+        while self.run.harness["has_bus_listener"][0] and time.monotonic() < end_s:
+            if self.run.hear(self.bus_listener) == 0:
                 return
             time.sleep(REST_S)
 

@@ -28,9 +28,8 @@ from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import HISTOGRAM, filled_bins_us, percentiles_us
 from flight_sw.runtime.identity import ALONE, NOBODY, draw_number
 from flight_sw.runtime.kernel_cache import on_compiling
-from sim_harness.bus.bus_listener import Ear
+from sim_harness.bus.bus_listener import BusListener
 from sim_harness.flight.error_watch import ErrorWatch
-from sim_harness.telemetry.logs import BUS, COMMANDS, TRUTHS, Logs
 from sim_harness.flight.loop import (
     BUS_LOST,
     COMPUTER_SILENT,
@@ -47,6 +46,7 @@ from sim_harness.flight.slip_watch import SlipWatch, slips_so_far
 from sim_harness.jit import kernel
 from sim_harness.mission.mission import Mission
 from sim_harness.telemetry.journal import BUS_ROWS, TRUTH_ROWS, Journal
+from sim_harness.telemetry.logs import BUS, COMMANDS, TRUTHS, Logs
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.navigation import beyond_the_bus, report_truth
@@ -58,7 +58,7 @@ RING_CYCLES_MAX = 65536
 DRAIN_S = 0.05  # between two looks at the logs of a flight in real time
 DRAIN_FLIGHT_S = 0.5  # of flight, at any pace
 TIMED_EVERY = 8  # minor frames in memory: the clock takes a thirtieth of each that it is read for
-EAR_BATCHES = 64  # heard in one go outside the loop
+LISTENER_BATCHES = 64  # heard in one go outside the loop
 FRAMES_PER_CYCLE = 16  # room in the log for each minor frame; a busier bus ends the chunk early
 OTHER_OUTCOMES = {
     BUS_LOST: "bus lost",
@@ -187,19 +187,19 @@ class FlightRun:
         self.waiting("")
 
     def request(self, code: int) -> Frames:
-        """The frame of a request to the flight computer, logged as sent unless an ear hears it."""
+        """The frame of a request to the flight computer, logged unless a bus listener hears it."""
         harness = self.harness
         n = put_request(harness["codec"][0], harness["port"][0], code, self.tx)
-        if self.plan.recorded and not harness["has_ear"][0]:
+        if self.plan.recorded and not harness["has_bus_listener"][0]:
             rows = np.zeros(n, BUS_LOG)
             rows["t_s"] = harness["truth"]["t_s"]
             rows["frame"] = self.tx[:n]
             self._hand_on(rows, self.journal)
         return self.tx[:n].copy()
 
-    def hear(self, ear: Ear) -> int:
+    def hear(self, bus_listener: BusListener) -> int:
         """Have frames recorded that passed on the bus outside the loop; how many there were."""
-        n = int(hear_outside(self.harness, self.logs, ear, EAR_BATCHES))
+        n = int(hear_outside(self.harness, self.logs, bus_listener, LISTENER_BATCHES))
         rows = self._taken(BUS, self.logs.bus, "written")
         self._hand_on(rows, self.journal if self.plan.pace > 0.0 else None)
         return n

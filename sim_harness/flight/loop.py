@@ -19,17 +19,7 @@ from flight_sw.reception.requests import ARM
 from flight_sw.records.dictionary import RX_CAPACITY, TICK_ID
 from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import add
-from sim_harness.bus.bus_listener import Ear, hear
-from sim_harness.telemetry.logs import (
-    BUS,
-    N_LOGS,
-    TRUTHS,
-    Logs,
-    has_room,
-    log_command,
-    log_passing,
-    log_truth,
-)
+from sim_harness.bus.bus_listener import BusListener, hear
 from sim_harness.flight.metrics import METRICS, judge_frame
 from sim_harness.flight.port import (
     FLYING_HERE,
@@ -41,6 +31,16 @@ from sim_harness.flight.port import (
 )
 from sim_harness.jit import kernel
 from sim_harness.telemetry.journal import JOURNAL, NONE, keep_bus, keep_truth
+from sim_harness.telemetry.logs import (
+    BUS,
+    N_LOGS,
+    TRUTHS,
+    Logs,
+    has_room,
+    log_command,
+    log_passing,
+    log_truth,
+)
 from sim_harness.world.navigation import NAV_STATE, measure
 from sim_harness.world.records import FLYING, TRUTH, WORLD
 from sim_harness.world.vehicle import advance, ended
@@ -51,7 +51,7 @@ INTERRUPTED = 103
 TRUTH_BYTES = TRUTH.itemsize
 PRESENT_NS = 1_000_000_000  # from one word of the harness's presence to the next, by the clock
 ARM_AGAIN_CYCLES = 25  # a request that was refused or lost is not told; the mode tells
-BATCHES_PER_CYCLE = 2  # that an ear hears in lockstep: the log has room for them
+BATCHES_PER_CYCLE = 2  # that a bus listener hears in lockstep: the log has room for them
 POLL_MS = 20  # longest wait in one system call: the time-out is looked at this often
 
 HARNESS = np.dtype(
@@ -68,7 +68,7 @@ HARNESS = np.dtype(
         ("written", "i8", (N_LOGS,)),  # rows ever put into each log
         ("published", "i8", (N_LOGS,)),  # rows of whole cycles, for a reader beside the loop
         ("taken", "i8", (N_LOGS,)),  # rows ever taken out of it
-        ("has_ear", "i8"),  # 1: the bus is logged as an ear hears it
+        ("has_bus_listener", "i8"),  # 1: the bus is logged as a bus listener hears it
         ("bus_rows_lost", "i8"),  # frames that found the log full
         ("command_rows_lost", "i8"),
         ("truth_rows_lost", "i8"),
@@ -87,7 +87,7 @@ class Wire(NamedTuple):
     io: npt.NDArray[np.void]
     rx: Frames
     tx: Frames
-    ear: Ear
+    bus_listener: BusListener
 
 
 @kernel
@@ -246,7 +246,7 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
         if send_frames(wire.fd, wire.io[0], wire.tx, n_tx) < 0:
             return BUS_LOST
         outcome = _await_answer(harness, logs, wire, timeout_ns)
-        hear(harness, logs, wire.ear, BATCHES_PER_CYCLE)
+        hear(harness, logs, wire.bus_listener, BATCHES_PER_CYCLE)
         if outcome != FLYING:
             return outcome
         outcome = close_cycle(harness, logs)
@@ -257,10 +257,10 @@ def fly_in_lockstep(harnesses: Frames, wire: Wire, logs: Logs, cycles: int, time
 
 
 @kernel
-def hear_outside(harnesses: Frames, logs: Logs, ear: Ear, batches: int) -> int:
+def hear_outside(harnesses: Frames, logs: Logs, bus_listener: BusListener, batches: int) -> int:
     """Hear while no loop flies; how many frames there were."""
     harness = harnesses[0]
-    n = hear(harness, logs, ear, batches)
+    n = hear(harness, logs, bus_listener, batches)
     if harness["journal"]["fd"] != NONE:
         keep_bus(harness["journal"], logs.bus, harness["written"][BUS])
     return n

@@ -19,7 +19,6 @@ from flight_sw.records.dictionary import RX_CAPACITY
 from flight_sw.records.types_ import Frames, Record
 from flight_sw.runtime.histogram import HISTOGRAM, add, filled_bins_us, percentiles_us
 from sim_harness.bus.bus_listener import hear
-from sim_harness.telemetry.logs import Logs, publish
 from sim_harness.flight.loop import (
     BUS_LOST,
     COMPUTER_SILENT,
@@ -33,6 +32,7 @@ from sim_harness.flight.loop import (
     take_answer,
 )
 from sim_harness.jit import kernel
+from sim_harness.telemetry.logs import Logs, publish
 from sim_harness.world.records import FLYING
 
 PACER = np.dtype(
@@ -61,7 +61,7 @@ LOOKS_MAX = 1 << 30  # bounds the loop in words; the clock ends it first
 SLEEP_ONLY_NS = 2_000_000  # nearer to the deadline the loop sleeps instead of listening
 LATE_LOOKS = 4  # of a frame that began late: hub and computer on its processor run in between
 NAP_NS = 100_000  # between two looks at the bus in the last millisecond of a frame
-BATCHES_MAX = 64  # that an ear hears in one frame
+BATCHES_MAX = 64  # that a bus listener hears in one frame
 NS_PER_MS = 1_000_000
 PROCESSOR_TIMES, STOLEN_AT = Path("/proc/stat"), 8
 
@@ -147,7 +147,7 @@ def _listen_until(
         if n_rx > 0 and take_answer(harness, logs, wire.rx, n_rx) and not answered:
             now_ns = monotonic_ns()
             add(pacer["round_trip"], now_ns - sent_ns)
-            hear(harness, logs, wire.ear, BATCHES_MAX)
+            hear(harness, logs, wire.bus_listener, BATCHES_MAX)
     return FLYING
 
 
@@ -198,7 +198,7 @@ def _fly_frame(harness: Record, pacer: Record, wire: Wire, logs: Logs) -> int:
     if outcome != FLYING:
         return outcome
     if harness["port"]["answered"] == 0:
-        hear(harness, logs, wire.ear, BATCHES_MAX)
+        hear(harness, logs, wire.bus_listener, BATCHES_MAX)
     if _is_silent(harness, pacer, deadline_ns, answers):
         return COMPUTER_SILENT
     return close_cycle(harness, logs)

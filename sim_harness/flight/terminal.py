@@ -112,11 +112,12 @@ def time_past(world: Record, state: State, moving: tuple[float, ...]) -> float:
     if alt_rate < 0.0 and state.alt_m <= end["alt_m"]:
         past_s = max(past_s, (state.alt_m - end["alt_m"]) / alt_rate)
     if end["at_target"] == 1:
-        here_m = range_flown(end["way"], radius_m, state.lon_rad, state.lat_rad)
+        track = end["ground_track"]
+        here_m = range_flown(track, radius_m, state.lon_rad, state.lat_rad)
         before = _moved(state, -float(world["dt_s"]), moving)
-        gained_m = here_m - range_flown(end["way"], radius_m, before.lon_rad, before.lat_rad)
-        if here_m >= end["way"]["target_m"] and gained_m > 0.0:
-            past_s = max(past_s, (here_m - end["way"]["target_m"]) / gained_m * world["dt_s"])
+        gained_m = here_m - range_flown(track, radius_m, before.lon_rad, before.lat_rad)
+        if here_m >= track["target_m"] and gained_m > 0.0:
+            past_s = max(past_s, (here_m - track["target_m"]) / gained_m * world["dt_s"])
     return float(min(past_s, world["dt_s"]))
 
 

@@ -15,6 +15,7 @@ from flight_sw.load_image import ATMOSPHERE_TABLE
 from flight_sw.model.atmosphere import KNOTS_MAX
 from flight_sw.model.onboard import AERO_TABLE, HEATING, PLANET, VEHICLE
 from sim_harness.mission.air_keys import AerodynamicDeviation, DensityDeviation
+from sim_harness.mission.heating_factor import heating_factor
 from sim_harness.mission.quantities import (
     INF,
     Quantity,
@@ -30,7 +31,6 @@ from sim_harness.mission.quantities import (
     refusal,
     span_of,
 )
-from sim_harness.mission.heating_factor import heating_factor
 from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 SOUND_SPEED_MPS = (10.0, 1e4)

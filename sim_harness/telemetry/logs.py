@@ -1,7 +1,8 @@
 """The ring logs of a flight: the loop writes them, the caller takes from them.
 
 A frame of the bus is logged by the loop that moves it, in memory and where nothing but the two
-sides is on the bus. Elsewhere the harness's ear logs what it hears: see sim_harness/bus/bus_listener.py.
+sides is on the bus. Elsewhere the harness's bus listener logs what it hears: see
+sim_harness/bus/bus_listener.py.
 """
 
 from typing import NamedTuple
@@ -51,8 +52,8 @@ def log_frame(harness: Record, logs: Logs, frame: Record) -> None:
 
 @kernel
 def log_passing(harness: Record, logs: Logs, frame: Record) -> None:
-    """Keep a frame that the loop itself moves, unless an ear hears it."""
-    if harness["has_ear"] == 0:
+    """Keep a frame that the loop itself moves, unless a bus listener hears it."""
+    if harness["has_bus_listener"] == 0:
         log_frame(harness, logs, frame)
 
 

@@ -1,7 +1,8 @@
 """The air as it is: the mission's atmosphere times a disturbance, and the wind.
 
 Logarithm of the density's disturbance and both winds are piecewise cubics over equal cells of
-altitude, filled by sim_harness/world/profiles.py. Without a disturbance or a wind nothing is looked up.
+altitude, filled by sim_harness/world/profiles.py. Without a disturbance or a wind nothing is looked
+up.
 
 Limits: no vertical wind; the disturbances depend on altitude alone and hold their ends outside
 their cells.
@@ -22,7 +23,7 @@ Loads = tuple[float, float, float, float]
 
 
 @kernel
-def place(air: Record, alt_m: float) -> tuple[int, float]:
+def cell_at(air: Record, alt_m: float) -> tuple[int, float]:
     """Cell of an altitude and where in it, from 0 to 1; NaN is passed on."""
     position = (alt_m - air["low_m"]) * air["cells_pm"]
     if position <= 0.0:
@@ -48,14 +49,14 @@ def true_density(world: Record, alt_m: float) -> float:
     rho = density(world["atmosphere"], alt_m)
     if air["is_disturbed"] == 0:
         return rho
-    cell, u = place(air, alt_m)
+    cell, u = cell_at(air, alt_m)
     return rho * math.exp(cubic(air["ln_rho"], cell, u))
 
 
 @kernel
 def wind(air: Record, alt_m: float) -> tuple[float, float]:
     """Wind towards east and north over the rotating planet, m/s."""
-    cell, u = place(air, alt_m)
+    cell, u = cell_at(air, alt_m)
     return cubic(air["wind_east_mps"], cell, u), cubic(air["wind_north_mps"], cell, u)
 
 

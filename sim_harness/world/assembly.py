@@ -23,7 +23,7 @@ from sim_harness.world import atmosphere as atmospheres
 from sim_harness.world import records, vehicle
 from sim_harness.world.assembly_navigation import fill_navigation
 from sim_harness.world.frames import Velocity, relative_from_inertial
-from sim_harness.world.ground_track import fill_way
+from sim_harness.world.ground_track import fill_ground_track
 from sim_harness.world.profiles import air_record
 
 FULL_TURN_DEG = 360.0
@@ -53,7 +53,7 @@ def world_of(mission: Mission, seed: int = 0) -> np.ndarray:
     world["end"]["time_max_s"] = end.time_max_s
     if end.at_target == "yes":
         world["end"]["at_target"] = 1
-        fill_way(world["end"]["way"][0], mission)
+        fill_ground_track(world["end"]["ground_track"][0], mission)
     fill_navigation(world["navigation"], mission)
     world["atmosphere"] = atmosphere_record(mission)
     world["air"] = air_record(mission, seed)

@@ -17,12 +17,12 @@ def direction(lon_deg: float, lat_deg: float) -> np.ndarray:
     return np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
 
 
-def fill_way(way: Record, mission: Mission) -> None:
-    """Writes the way; refuses a mission without target, or one at the entry or opposite to it."""
+def fill_ground_track(track: Record, mission: Mission) -> None:
+    """Writes the track; refuses a mission without target, or one at the entry or opposite to it."""
     target, entry = mission.target, mission.entry
     if target is None:
         raise MissionError(
-            f"{mission.path.name}: has no table [target], which is needed to tell a way to it"
+            f"{mission.path.name}: has no table [target], which a ground track needs"
         )
     start = direction(entry.longitude_deg, entry.latitude_deg)
     there = direction(target.longitude_deg, target.latitude_deg)
@@ -35,5 +35,5 @@ def fill_way(way: Record, mission: Mission) -> None:
         )
     ahead = across / length
     for axis, s, a in zip("xyz", start, ahead, strict=True):
-        way[f"cos_start_{axis}"], way[f"cos_ahead_{axis}"] = s, a
-    way["target_m"] = mission.planet.radius_km * 1e3 * math.atan2(length, along)
+        track[f"cos_start_{axis}"], track[f"cos_ahead_{axis}"] = s, a
+    track["target_m"] = mission.planet.radius_km * 1e3 * math.atan2(length, along)

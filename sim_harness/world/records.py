@@ -3,7 +3,7 @@
 import numpy as np
 
 from flight_sw.model.atmosphere import ATMOSPHERE
-from flight_sw.model.great_circle import WAY
+from flight_sw.model.great_circle import GROUND_TRACK
 from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 # Aerodynamic models; never renumbered.
@@ -88,7 +88,10 @@ END = np.dtype(
         ("alt_m", "f8"),  # ends at or below; -inf: never
         ("time_max_s", "f8"),
         ("at_target", "i8"),  # 1: ends at the target's range as well
-        ("way", WAY.dtype),  # from the entry to the target; not filled without one
+        (
+            "ground_track",
+            GROUND_TRACK.dtype,
+        ),  # from the entry to the target; not filled without one
     ],
     align=True,
 )

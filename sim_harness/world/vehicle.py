@@ -143,8 +143,8 @@ def is_there(world: Record, truth: Record) -> bool:
     if end["at_target"] == 0:
         return False
     radius_m = world["planet"]["radius_m"]
-    flown_m = range_flown(end["way"], radius_m, truth["lon_rad"], truth["lat_rad"])
-    return flown_m >= end["way"]["target_m"]
+    flown_m = range_flown(end["ground_track"], radius_m, truth["lon_rad"], truth["lat_rad"])
+    return flown_m >= end["ground_track"]["target_m"]
 
 
 @kernel

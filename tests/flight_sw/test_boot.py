@@ -235,10 +235,10 @@ def test_a_lost_bus_ends_it_with_its_report_and_a_sentence(tmp_path: Path) -> No
 
 def wait_until_ready(path: Path) -> None:
     """Listen until a computer announces that it is ready."""
-    with open_bus(f"unix:{path}") as ear:
-        ear.settimeout(TIMEOUT_S)
+    with open_bus(f"unix:{path}") as bus_listener:
+        bus_listener.settimeout(TIMEOUT_S)
         state = COMPILING
         while state != READY:
-            read = read_plain(ear.recv(64))
+            read = read_plain(bus_listener.recv(64))
             assert read is not None
             state = read.raw.get("state", state)

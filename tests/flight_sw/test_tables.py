@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from flight_sw.model.tables import between, bracket, place
+from flight_sw.model.tables import between, bracket, locate
 
 GRID = np.array([-2.0, 0.0, 0.5, 3.0, 10.0])
 COLUMN = np.array([4.0, -1.0, 7.0, 7.5, -3.0])
 
 
 def interp(x: float, grid: np.ndarray, column: np.ndarray, n: int) -> float:
-    return between(column, *place(x, grid, n))
+    return between(column, *locate(x, grid, n))
 
 
 @pytest.mark.parametrize(

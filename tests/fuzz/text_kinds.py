@@ -27,7 +27,7 @@ from tests.tools.made_campaigns import make
 from tools.campaign.folder import read_manifest
 from tools.campaign.job import job_of
 from tools.campaign.plan import check_extremes, present_values, with_full_names
-from tools.campaign.refly import again
+from tools.campaign.refly import refly
 from tools.gains.image import checked_design, mission_path
 from tools.report import tables
 from tools.report.source import read_source
@@ -249,7 +249,7 @@ def _report(folder: Path) -> None:
 
 def _fly_again(folder: Path) -> None:
     read_manifest(folder)
-    again(folder, 2)
+    refly(folder, 2)
 
 
 MISSIONS = Kind(lambda: _trees(*sorted(SHIPPED.glob("*.toml"))), _read_mission, TOML_MUTATE)

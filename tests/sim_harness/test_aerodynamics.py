@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+from sim_harness.mission.heating_factor import heating_factor
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.assembly import world_of
-from sim_harness.mission.heating_factor import heating_factor
 from sim_harness.world.heating import heat_flux
 from sim_harness.world.records import HEATING
 from tests.sim_harness.flights import plain_mission

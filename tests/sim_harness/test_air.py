@@ -9,7 +9,7 @@ import pytest
 
 from flight_sw.errors import MissionError
 from sim_harness.world import noise, profiles
-from sim_harness.world.air import cubic, place, true_density, wind
+from sim_harness.world.air import cell_at, cubic, true_density, wind
 from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.missions import load_mission
 from tests.conftest import UNCOMPILED
@@ -269,10 +269,10 @@ def test_profiles_pass_through_what_was_drawn_and_hold_their_ends() -> None:
     edges_m = np.linspace(0.0, 120e3, profiles.AIR_CELLS + 1)
     values = profiles.density_profile(mission, 3, edges_m)
     for i in (0, 1, 100, 255, 256):
-        cell, u = place(air, float(edges_m[i]))
+        cell, u = cell_at(air, float(edges_m[i]))
         assert cubic(air["ln_rho"], cell, u) == pytest.approx(values[i], abs=1e-9)
     for beyond_m, end in ((-5e3, values[0]), (150e3, values[-1])):
-        assert cubic(air["ln_rho"], *place(air, beyond_m)) == pytest.approx(end, abs=1e-12)
+        assert cubic(air["ln_rho"], *cell_at(air, beyond_m)) == pytest.approx(end, abs=1e-12)
     world = world_of(mission, 3)[0]
     expected = 1.225 * math.exp(values[100] - edges_m[100] / 7200.0)
     assert true_density(world, float(edges_m[100])) == pytest.approx(expected, rel=1e-9)

@@ -328,7 +328,7 @@ def test_a_folder_without_permission_is_told(
 
 @pytest.mark.jit_only
 def test_the_pump_allocates_nothing(fresh_compile: Callable[..., Any]) -> None:
-    kernel = fresh_compile(pump, new_hub(), new_buffers(tapped=True))
+    kernel = fresh_compile(pump, new_hub(), new_buffers(logged=True))
     text = kernel.inspect_asm(kernel.signatures[0])
     assert "sendmmsg" in text
     assert not [name for name in ALLOCATIONS if name in text]

@@ -206,9 +206,8 @@ def test_latency_reports_what_was_true_some_reports_ago_with_the_time_of_now() -
 
 
 def test_latency_beyond_what_is_kept_is_refused() -> None:
-    assert (
-        world_of(plain_mission(navigation__latency_s=1.26))["navigation"]["latency_reports"] == 63
-    )
+    mission = plain_mission(navigation__latency_s=1.26)
+    assert world_of(mission)["navigation"]["latency_reports"] == 63
     with pytest.raises(MissionError, match=r"latency_s is 1.3, allowed up to 63 reports, 1.26 s"):
         load_mission("hyperion-1", {"latency_s": 1.3})
 

@@ -11,7 +11,7 @@ import pytest
 from flight_sw import icd
 from flight_sw.can.sockets import new_io
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY
-from sim_harness.bus.bus_listener import no_ear
+from sim_harness.bus.bus_listener import no_listener
 from sim_harness.flight.loop import COMPUTER_SILENT, Wire
 from sim_harness.flight.pacing import fly_in_real_time
 from sim_harness.world.records import FLYING
@@ -33,7 +33,7 @@ class Paced:
         self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.ours.setblocking(False)
         self.wire = Wire(self.ours.fileno(), new_io(RX_CAPACITY), self.run.rx, self.run.tx,
-                         no_ear())  # fmt: skip
+                         no_listener())  # fmt: skip
         self.arrivals_ns: list[int] = []
         self.fly(0)
         self.listener = threading.Thread(target=self._listen)

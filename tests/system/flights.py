@@ -21,10 +21,10 @@ from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from flight_sw.runtime.histogram import HISTOGRAM
 from flight_sw.runtime.identity import ALONE
 from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory, hand_over
-from sim_harness.telemetry.logs import BUS, TRUTHS, Logs
 from sim_harness.flight.loop import HARNESS, fly_in_memory
 from sim_harness.flight.port import FLYING_HERE, put_presence, put_request
 from sim_harness.mission.mission import Mission
+from sim_harness.telemetry.logs import BUS, TRUTHS, Logs
 from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.missions import load_mission
 from sim_harness.world.records import TRUTH

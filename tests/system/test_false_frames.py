@@ -20,8 +20,8 @@ from flight_sw.computer import minor_frame
 from flight_sw.reception.receiver import SILENCE_PERIODS
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
 from sim_harness.flight import loop
-from sim_harness.telemetry.logs import COMMANDS, Logs
 from sim_harness.jit import kernel
+from sim_harness.telemetry.logs import COMMANDS, Logs
 from sim_harness.world.records import END_CONDITION, FLYING
 from tests.system.flights import FLOWN, NAV_FRAMES, ROOT, Computer, World, built, sha256
 

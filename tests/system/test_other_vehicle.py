@@ -11,8 +11,8 @@ import pytest
 
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightPlan, FlightRun, fly_memory
-from sim_harness.telemetry.logs import COMMANDS
 from sim_harness.flight.summary import summary_of
+from sim_harness.telemetry.logs import COMMANDS
 from sim_harness.world.missions import load_mission
 from tests.system.flights import Built, Computer, World
 from tools.gains.image import design_path, make_all, write

@@ -31,7 +31,7 @@ def flight() -> Recorded:
     return recorded("lqy", "tracking", CYCLES)
 
 
-class Ear:
+class Heard:
     """A port that hears answers, cycle by cycle."""
 
     def __init__(self, flight: Recorded) -> None:
@@ -58,76 +58,78 @@ def answers_of(flight: Recorded) -> list[Frames]:
     return np.split(flight.answers, ends)[:-1]
 
 
-def heard_until(flight: Recorded, cycle: int) -> Ear:
+def heard_until(flight: Recorded, cycle: int) -> Heard:
     """A port that has heard everything before a cycle."""
-    ear = Ear(flight)
+    listener = Heard(flight)
     for i, frames in enumerate(answers_of(flight)[:cycle]):
-        assert ear.hear(i, frames)
-    return ear
+        assert listener.hear(i, frames)
+    return listener
 
 
 def test_until_it_hears_anything_the_attitude_at_entry_is_held(flight: Recorded) -> None:
-    ear = Ear(flight)
-    assert not ear.hear(0, [])
-    assert ear.flown == (0.5, 0.6)
+    listener = Heard(flight)
+    assert not listener.hear(0, [])
+    assert listener.flown == (0.5, 0.6)
 
 
 def test_each_answer_is_flown_in_its_cycle(flight: Recorded) -> None:
     database = cantools.database.load_file(icd.DBC_PATH)
-    ear = Ear(flight)
+    listener = Heard(flight)
     for i, frames in enumerate(answers_of(flight)):
-        assert ear.hear(i, frames)
+        assert listener.hear(i, frames)
         (command,) = commands(frames)
         told = database.decode_message(COMMAND_ID, int(command["data"]).to_bytes(8, "little"))
-        assert ear.flown == pytest.approx((told["bank_cmd_rad"], told["alpha_cmd_rad"]), abs=1e-15)
-    assert ear.port["mode"][0] == 2
-    assert ear.port["phase"][0] > 0
-    assert ear.port["fix_valid"][0] == 1
-    assert ear.port["stale_answers"][0] == 0
+        assert listener.flown == pytest.approx(
+            (told["bank_cmd_rad"], told["alpha_cmd_rad"]), abs=1e-15
+        )
+    assert listener.port["mode"][0] == 2
+    assert listener.port["phase"][0] > 0
+    assert listener.port["fix_valid"][0] == 1
+    assert listener.port["stale_answers"][0] == 0
 
 
 @pytest.mark.parametrize("can_id", [COMMAND_ID, STATUS_ID])
 def test_an_answer_with_a_wrong_bit_is_not_flown(flight: Recorded, can_id: int) -> None:
     right = answers_of(flight)[CYCLE]
     for bit in range(64):
-        ear = heard_until(flight, CYCLE)
-        before = ear.flown
+        listener = heard_until(flight, CYCLE)
+        before = listener.flown
         frames = right.copy()
         frames["data"][frames["can_id"] == can_id] ^= np.uint64(1 << bit)
-        assert not ear.hear(CYCLE, frames)
-        assert ear.flown == before
-        assert ear.hear(CYCLE + 1, answers_of(flight)[CYCLE + 1])  # and the next one is
+        assert not listener.hear(CYCLE, frames)
+        assert listener.flown == before
+        assert listener.hear(CYCLE + 1, answers_of(flight)[CYCLE + 1])  # and the next one is
 
 
 def test_wrong_frames_beside_the_right_ones_change_nothing(flight: Recorded) -> None:
-    ear, calm = heard_until(flight, CYCLE), heard_until(flight, CYCLE)
+    listener, calm = heard_until(flight, CYCLE), heard_until(flight, CYCLE)
     right = answers_of(flight)[CYCLE]
     wrong = np.repeat(right, 64)
     wrong["data"] ^= np.tile(np.uint64(1) << np.arange(64, dtype=np.uint64), len(right))
     foreign = flight.navigation[CYCLE]
-    assert ear.hear(CYCLE, np.concatenate([wrong, foreign, right]))
+    assert listener.hear(CYCLE, np.concatenate([wrong, foreign, right]))
     assert calm.hear(CYCLE, right)
-    assert ear.flown == calm.flown
-    counted = ear.port["rx"]["counted"][0]
+    assert listener.flown == calm.flown
+    counted = listener.port["rx"]["counted"][0]
     assert counted.sum() - calm.port["rx"]["counted"][0].sum() == len(wrong) + len(foreign)
 
 
 def test_an_answer_to_another_cycle_is_stale(flight: Recorded) -> None:
-    ear = heard_until(flight, CYCLE)
-    before = ear.flown
-    assert not ear.hear(CYCLE + 1, answers_of(flight)[CYCLE])
-    assert ear.flown == before
-    assert ear.port["stale_answers"][0] == 1
+    listener = heard_until(flight, CYCLE)
+    before = listener.flown
+    assert not listener.hear(CYCLE + 1, answers_of(flight)[CYCLE])
+    assert listener.flown == before
+    assert listener.port["stale_answers"][0] == 1
 
 
 def test_a_command_without_its_own_status_is_not_flown(flight: Recorded) -> None:
-    ear = heard_until(flight, CYCLE)
-    before = ear.flown
+    listener = heard_until(flight, CYCLE)
+    before = listener.flown
     mixed = np.concatenate(
         [commands(answers_of(flight)[CYCLE + 1]), answers_of(flight)[CYCLE][-1:]]
     )
-    assert not ear.hear(CYCLE, mixed)
-    assert ear.flown == before
+    assert not listener.hear(CYCLE, mixed)
+    assert listener.flown == before
 
 
 def test_a_navigation_set_carries_the_truth_to_the_resolution_of_the_bus(flight: Recorded) -> None:
@@ -152,14 +154,16 @@ def test_a_navigation_set_carries_the_truth_to_the_resolution_of_the_bus(flight:
 
 
 def test_a_value_that_the_bus_does_not_carry_is_not_sent(flight: Recorded) -> None:
-    ear = Ear(flight)
+    listener = Heard(flight)
     world, truth = world_of(flight.made.mission), truth_of(flight.made.mission)
-    measure(world[0], truth[0], np.zeros(1, NAV_STATE)[0], ear.port["values"][0])
-    assert put_navigation(ear.codec[0], ear.port[0], 0, ear.spare) == NAV_FRAMES
+    measure(world[0], truth[0], np.zeros(1, NAV_STATE)[0], listener.port["values"][0])
+    assert put_navigation(listener.codec[0], listener.port[0], 0, listener.spare) == NAV_FRAMES
     for index, value in ((V_REL, 2e4), (LON, 4.0), (LAT, np.nan)):
-        kept = ear.port["values"][0, index]
-        ear.port["values"][0, index] = value
-        assert put_navigation(ear.codec[0], ear.port[0], 1, ear.spare) == NAV_FRAMES - 1
-        ear.port["values"][0, index] = kept
-    assert ear.port["tx_refused"][0] == 3
-    assert not is_from_computer(ear.spare[:NAV_FRAMES]).any()
+        kept = listener.port["values"][0, index]
+        listener.port["values"][0, index] = value
+        assert (
+            put_navigation(listener.codec[0], listener.port[0], 1, listener.spare) == NAV_FRAMES - 1
+        )
+        listener.port["values"][0, index] = kept
+    assert listener.port["tx_refused"][0] == 3
+    assert not is_from_computer(listener.spare[:NAV_FRAMES]).any()

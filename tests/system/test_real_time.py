@@ -19,9 +19,9 @@ import pytest
 from flight_sw import icd
 from sim_harness.flight.bus_flight import BusFlight
 from sim_harness.flight.flight import FlightRun
-from sim_harness.telemetry.logs import COMMANDS
 from sim_harness.flight.loop import COMPUTER_SILENT
 from sim_harness.flight.pacing import HELD_RATIO
+from sim_harness.telemetry.logs import COMMANDS
 from sim_harness.world.records import END_CONDITION, TIME_OUT
 from tests.rules.sources import ROOT
 from tests.system.flights import built, run_of

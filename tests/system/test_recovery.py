@@ -19,8 +19,8 @@ from flight_sw.guidance.heat_flux.peak import PEAK_BY
 from flight_sw.reception.receiver import slot_of
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TICK_ID, TX_CAPACITY
 from sim_harness.flight import loop
-from sim_harness.telemetry.logs import Logs
 from sim_harness.jit import kernel
+from sim_harness.telemetry.logs import Logs
 from sim_harness.world.records import FLYING
 from tests.system.flights import Built, Computer, World, built
 

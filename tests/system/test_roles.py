@@ -52,11 +52,11 @@ def ready_computer(bus: socket.socket) -> int:
 
 def test_a_second_computer_and_a_harness_with_one_of_its_own_name_the_first(tmp_path: Path) -> None:
     address = f"unix:{tmp_path / 'bus'}"
-    with Hub(tmp_path / "bus"), open_bus(address) as ear:
+    with Hub(tmp_path / "bus"), open_bus(address) as bus_listener:
         run = own_hub_run(tmp_path)
         load = run.plan.load_path
         with ComputerProcess(load, address, [], print) as first:
-            name = name_of(ready_computer(ear))
+            name = name_of(ready_computer(bus_listener))
             with ComputerProcess(load, address, [], print) as second:
                 assert wait_gone(second.pid, TIMEOUT_S)
                 assert second.status == 1

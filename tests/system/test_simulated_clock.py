@@ -13,7 +13,7 @@ from flight_sw.computer import new_state
 from flight_sw.executive import EXECUTIVE, RUNNING, SYNCHRONISATIONS
 from flight_sw.reception.requests import ARM
 from flight_sw.records.dictionary import FRAME, RX_CAPACITY, TX_CAPACITY
-from sim_harness.bus.bus_listener import no_ear
+from sim_harness.bus.bus_listener import no_listener
 from sim_harness.flight import pacing
 from sim_harness.flight.loop import Wire
 from sim_harness.world.records import FLYING
@@ -55,7 +55,7 @@ class Pacer:
         self.run = run_of(built(LAW, PIECE), folder / "x.load", "unix", pace=1.0, recorded=False)
         calls: dict[str, Any] = {"send_frames": self.send, "recv_frames": self.receive}
         interpret(patch, pacing, self.clock, sched_yield=self.step_aside, **calls)
-        wire = Wire(-1, new_io(RX_CAPACITY), self.run.rx, self.run.tx, no_ear())
+        wire = Wire(-1, new_io(RX_CAPACITY), self.run.rx, self.run.tx, no_listener())
         self.outcome = pacing.fly_in_real_time(
             self.run.harness, self.run.pacer, wire, self.run.logs, CYCLES
         )

@@ -1,4 +1,4 @@
-"""Among a third sender's frames a flight replays to the bit: the ear heard what counted."""
+"""Among a third sender's frames a flight replays to the bit: what counted was heard."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -66,7 +66,7 @@ def test_a_flight_in_lockstep_that_false_commands_end_says_so_and_replays_to_the
     assert 0 < found.cycles < 600.0 / 0.02
 
 
-@pytest.mark.alone  # beside other work a full queue keeps frames from the computer, not the ear
+@pytest.mark.alone  # beside other work a full queue keeps frames from the computer, not us
 @pytest.mark.parametrize(
     ("pace", "seconds", "seed"), [(0.0, 100.0, 1), (0.0, 100.0, 2), (1.0, 4.0, 3), (5.0, 10.0, 4)]
 )
@@ -84,7 +84,7 @@ def test_a_flight_among_false_frames_replays_to_the_bit(
     assert found.cycles >= seconds / 0.02 * 0.9
     assert found.unanswered == 0
     if plan == "unix":  # on another's hub it is not always found what was heard: docs/limits.md
-        assert found.reports == 0, "the computer heard other frames than the ear"
+        assert found.reports == 0, "the computer heard other frames than the bus listener"
         assert len(found.ticks) == run.computer["ticks"]
     assert sender.sent > 300
     strange = ~np.isin(recording.bus["frame"]["can_id"], list(HARNESS_IDS))

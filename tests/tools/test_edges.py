@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sim_harness.bus.socket_path import UNIQUE_BYTES, bus_place, places
+from sim_harness.bus.socket_path import UNIQUE_BYTES, places, socket_path
 from sim_harness.flight.computer_process import PACKAGE_PARENT, own_environment, own_module
 from sim_harness.flight.flight import FlightRun
 from tools.cli import main
@@ -243,7 +243,7 @@ def test_a_bus_finds_a_shorter_place_than_a_long_tmpdir(
     long = tmp_path / ("t" * max(length - len(str(tmp_path)) - 1, 1))
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))
-    with bus_place() as path:
+    with socket_path() as path:
         assert len(os.fsencode(path)) <= 107
         assert path.parent.is_dir()
     assert not path.parent.exists()

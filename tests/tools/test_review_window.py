@@ -213,4 +213,4 @@ def test_a_viewer_that_is_late_once_is_used_the_second_time() -> None:
             raise error
         return "shown"
 
-    assert viewer.again_if_late(attempt) == "shown"
+    assert viewer.retry_if_late(attempt) == "shown"

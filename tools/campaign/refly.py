@@ -18,7 +18,7 @@ from tools.campaign.plan import SOURCES
 from tools.overrides import Prepared
 
 
-class Again(NamedTuple):
+class Reflight(NamedTuple):
     """What is flown, and what the campaign had of it."""
 
     prepared: Prepared
@@ -50,7 +50,7 @@ def run_in(folder: Path, manifest: dict[str, Any], number: int) -> Run:
     return Run(number, values, seed, told)
 
 
-def again(folder: Path, number: int) -> Again:
+def refly(folder: Path, number: int) -> Reflight:
     """One run of the campaign in a folder; raises AeroshellError with what is wrong."""
     manifest = read_manifest(folder)
     job = job_in(folder, manifest)
@@ -59,7 +59,7 @@ def again(folder: Path, number: int) -> Again:
     prepared = Prepared(
         what.mission, job.law, what.load_image, Path(job.load_file), what.remade, False
     )
-    return Again(prepared, run.seed, row_in(folder, manifest, number))
+    return Reflight(prepared, run.seed, row_in(folder, manifest, number))
 
 
 def check_same(folder: Path, number: int, row: dict[str, Any], summary: dict[str, Any]) -> None:

@@ -135,10 +135,10 @@ def _report(folder: Path) -> None:
     """The campaign's own report, new each time the campaign is gone on with."""
     from tools.commands.report import command_of
     from tools.report.page import REPORT, write_report
-    from tools.status_line import Doing
+    from tools.status_line import StatusLine
 
-    with Doing() as doing:
-        write_report([folder], folder / REPORT, command_of([folder], None), doing)
+    with StatusLine() as status_line:
+        write_report([folder], folder / REPORT, command_of([folder], None), status_line)
 
 
 def _show(flown: "Campaign") -> None:

@@ -84,8 +84,8 @@ class Folder:
 
 def pace_factor(text: str) -> float:
     """Mission seconds per second of the clock; 0 for lockstep."""
-    from flight_sw.__main__ import PACE_HIGH, PACE_LOW
     from flight_sw.errors import FlightError
+    from flight_sw.timing import PACE_HIGH, PACE_LOW
 
     if text in ("lockstep", "realtime"):
         return 1.0 if text == "realtime" else 0.0
@@ -271,7 +271,7 @@ def _what_to_fly(
 ) -> tuple["Prepared", int, dict[str, Any] | None]:
     """What was asked for with the options of one's own, or a run of a campaign and its result."""
     from flight_sw.errors import FlightError
-    from tools.campaign.refly import again
+    from tools.campaign.refly import refly
     from tools.overrides import prepare
 
     if campaign is None and own["MISSION"] is None:
@@ -283,7 +283,7 @@ def _what_to_fly(
         return prepare(own["MISSION"], own["--law"], settings, own["--load"]), own["--seed"], None
     if given := [name for name, value in own.items() if value]:
         raise FlightError(f"--from {campaign}: takes no {given[0]}, the campaign says what flew")
-    return again(campaign, run)
+    return refly(campaign, run)
 
 
 def _compare(campaign: Path, run: int, then: dict[str, Any] | None, now: dict[str, Any]) -> None:

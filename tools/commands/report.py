@@ -25,7 +25,7 @@ def report(
     """Write what campaigns show as one file: verdicts, corridor, distributions, worst cases."""
     from tools.report.page import REPORT, write_report
     from tools.report.source import ReportError
-    from tools.status_line import Doing
+    from tools.status_line import StatusLine
 
     path = out or (folders[0] / REPORT if len(folders) == 1 else COMPARISON)
     if path.suffix != ".html":
@@ -34,8 +34,8 @@ def report(
         raise ReportError(f"--out {path}: exists already, --force replaces it")
     if out and not path.parent.is_dir():
         raise ReportError(f"--out {path}: there is no folder {path.parent}")
-    with Doing() as doing:
-        write_report(folders, path, command_of(folders, out), doing)
+    with StatusLine() as status_line:
+        write_report(folders, path, command_of(folders, out), status_line)
     tell(path)
 
 

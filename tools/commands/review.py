@@ -39,13 +39,13 @@ def review(
     from tools.review.review import draw, peak_s, plan
     from tools.review.source import open_flights
     from tools.review.stage import Stage
-    from tools.status_line import Doing
+    from tools.status_line import StatusLine
 
     if tab not in TABS:
         raise RecordingError(f"--tab {tab}: allowed are {', '.join(TABS)}")
     _check_outputs(save, screenshot, force)
-    with Doing() as doing:
-        doing("reading the recordings")
+    with StatusLine() as status_line:
+        status_line("reading the recordings")
         found = open_flights(flights)
         _check_moment(at_s, max(flight.recording.until_s for flight in found))
         _tell_gaps(found)
@@ -53,12 +53,12 @@ def review(
         with tempfile.TemporaryDirectory(prefix="aeroshell-") as folder:
             drawn = Path(folder) / "review.rrd"
             stage = Stage(", ".join(flight.label for flight in found))
-            doing("drawing the review")
+            status_line("drawing the review")
             stage.save(drawn, blueprint(shape, tab))
             draw(stage, found, shape)
             _close(stage, drawn)
             moment_s = peak_s(found[0]) if at_s is None else at_s
-            _hand_out(drawn, save, screenshot, moment_s, doing)
+            _hand_out(drawn, save, screenshot, moment_s, status_line)
 
 
 def _close(stage: "Stage", drawn: Path) -> None:
@@ -87,19 +87,19 @@ def _hand_out(
     save: Path | None,
     screenshot: Path | None,
     moment_s: float,
-    doing: Callable[[str], None],
+    status_line: Callable[[str], None],
 ) -> None:
     """Bring the review to where it is wanted."""
     from tools.review import viewer
 
     if screenshot is not None:
-        doing("drawing the picture")
+        status_line("drawing the picture")
         viewer.screenshot(drawn, drawn.with_suffix(".png"), moment_s)
         _put(drawn.with_suffix(".png"), screenshot, "--screenshot")
     if save is not None:
         _put(drawn, save, "--save")
     if save is None and screenshot is None:
-        doing("opening the viewer")
+        status_line("opening the viewer")
         viewer.open_window(drawn, moment_s)
 
 

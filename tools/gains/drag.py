@@ -9,7 +9,7 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance.drag import by_observer as drag_observer
 from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
-from sim_harness.world.ground_track import fill_way
+from sim_harness.world.ground_track import fill_ground_track
 from tools.gains.drag_choices import DragTracking, RangePredictor
 from tools.gains.nominal_flight import INDEXES, Nominal, Reference, Row, solved
 from tools.gains.observer import fill_observer
@@ -80,8 +80,8 @@ def fill_tracking(
         update={"entry": mission.entry.model_copy(update={"angle_of_attack_deg": choice.alpha_deg})}
     )
     nominal = solved(believed, design.nominal_flight)
-    fill_way(record["way"], mission)
-    rows = Reference(body, record["way"], nominal, design.nominal_flight).rows()
+    fill_ground_track(record["ground_track"], mission)
+    rows = Reference(body, record["ground_track"], nominal, design.nominal_flight).rows()
     _reference(record["reference"], rows)
     record["reference"]["index"] = INDEXES[design.nominal_flight.index]
     fill_profile(record["profile"], nominal)

@@ -3,9 +3,8 @@
 from typing import Annotated, Literal
 
 from flight_sw.guidance.drag import by_observer as drag_observer
-from flight_sw.guidance.drag import range_predictor
+from flight_sw.guidance.drag import prediction, range_predictor
 from flight_sw.guidance.drag import tracking as drag_tracking
-from flight_sw.guidance.drag import prediction
 from sim_harness.mission.quantities import Quantity, Section, loaded
 
 

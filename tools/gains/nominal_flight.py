@@ -18,13 +18,13 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
-from flight_sw.model.great_circle import WAY, range_flown
+from flight_sw.model.great_circle import GROUND_TRACK, range_flown
 from flight_sw.records.dictionary import NAV
 from flight_sw.records.types_ import Record
 from sim_harness.flight.profile_flight import fly_profile
 from sim_harness.mission.mission import Mission
 from sim_harness.world.assembly import truth_of, world_of
-from sim_harness.world.ground_track import fill_way
+from sim_harness.world.ground_track import fill_ground_track
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag_choices import NominalFlight
 
@@ -60,12 +60,12 @@ class Problem:
     """Flights of one mission along bank profiles."""
 
     def __init__(self, mission: Mission, choice: NominalFlight) -> None:
-        self.way = np.zeros(1, WAY.dtype)
+        self.track = np.zeros(1, GROUND_TRACK.dtype)
         if mission.target is None:
             raise DesignError(
                 f"{mission.path.name}: a law that tracks drag or range needs a table [target]"
             )
-        fill_way(self.way[0], mission)
+        fill_ground_track(self.track[0], mission)
         self.mission, self.choice, self.target = mission, choice, mission.target
         self.truth = truth_of(mission)
         self.world = world_of(mission).copy()
@@ -98,13 +98,14 @@ class Problem:
         share = (before["v_rel_mps"] - self.target.speed_mps) / (
             before["v_rel_mps"] - last["v_rel_mps"]
         )
+        radius_m = float(self.world["planet"]["radius_m"][0])
         ends = [
-            (float(f["alt_m"]), range_flown(self.way[0], float(self.world["planet"]["radius_m"][0]),
+            (float(f["alt_m"]), range_flown(self.track[0], radius_m,
                                             float(f["lon_rad"]), float(f["lat_rad"])))
             for f in (before, last)
         ]  # fmt: skip
         at = np.array(ends[0]) + share * (np.array(ends[1]) - np.array(ends[0]))
-        miss = at - np.array([self.target.altitude_km * 1e3, self.way["target_m"][0]])
+        miss = at - np.array([self.target.altitude_km * 1e3, self.track["target_m"][0]])
         return Flown(self.log[:n], miss)
 
     def starts(self) -> list[tuple[float, float, float]]:
@@ -167,7 +168,7 @@ def solve(mission: Mission, choice: NominalFlight) -> Nominal:
     flown = problem.fly(banks_deg) if math.isfinite(best) else None
     wanted = (
         f"{problem.target.altitude_km:g} km, {problem.target.speed_mps:g} m/s, "
-        f"{problem.way['target_m'][0] / 1e3:z.2f} km downrange"
+        f"{problem.track['target_m'][0] / 1e3:z.2f} km downrange"
     )
     if flown is None:
         raise DesignError(
@@ -232,8 +233,15 @@ def fix_of(frame: Record) -> Rows:
 class Reference:
     """Makes the rows of a reference: closed-form derivatives of drag over its index."""
 
-    def __init__(self, body: Record, way: Record, nominal: Nominal, choice: NominalFlight) -> None:
-        self.body, self.way, self.nominal, self.choice = body, way, nominal, choice
+    def __init__(
+        self, body: Record, track: Record, nominal: Nominal, choice: NominalFlight
+    ) -> None:
+        self.body, self.track, self.nominal, self.choice = (
+            body,
+            track,
+            nominal,
+            choice,
+        )
         self.planet = body["onboard"]["planet"]
         self.dynamics = np.zeros(1, DYNAMICS.dtype)[0]
 
@@ -262,7 +270,9 @@ class Reference:
         at, rate, accel = self.index_of(frame, drag_rate, cos_bank)
         slope = drag_rate / rate
         radius_m = float(self.planet["radius_m"])
-        flown_m = range_flown(self.way, radius_m, float(frame["lon_rad"]), float(frame["lat_rad"]))
+        flown_m = range_flown(
+            self.track, radius_m, float(frame["lon_rad"]), float(frame["lat_rad"])
+        )
         return Row(at, drag, slope, (drag_accel - slope * accel) / rate**2, flown_m)
 
     def rows(self) -> list[Row]:

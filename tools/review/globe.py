@@ -171,8 +171,8 @@ def draw_vehicle(stage: Stage, label: str, truth: Rows, body: Body, look: Palett
     """The vehicle as it moves, with the directions of its velocity and its lift."""
     path = f"{PATH}/flights/{part(label)}"
     rr = stage.rr
-    t_s, places = truth["t_s"], track_km(truth, body.radius_km)
-    stage.dots_3d(f"{path}/vehicle", t_s, places)
+    t_s, sites = truth["t_s"], track_km(truth, body.radius_km)
+    stage.dots_3d(f"{path}/vehicle", t_s, sites)
     dot = rr.Points3D.from_fields(colors=[look.flown], radii=rr.Radius.ui_points(5.0))
     stage.still(f"{path}/vehicle", dot)
     if not set(ATTITUDE) <= set(truth.dtype.names or ()):
@@ -183,14 +183,14 @@ def draw_vehicle(stage: Stage, label: str, truth: Rows, body: Body, look: Palett
         "lift": (lift * LIFT_SHARE, LIFT if look.is_alone else look.commanded),
     }
     for name, (vectors, colour) in arrows.items():
-        stage.arrows(f"{path}/{name}", t_s, places, vectors * body.radius_km)
+        stage.arrows(f"{path}/{name}", t_s, sites, vectors * body.radius_km)
         style = rr.Arrows3D.from_fields(
             colors=[colour], radii=rr.Radius.ui_points(1.6), labels=[name], show_labels=False
         )
         stage.still(f"{path}/{name}", style)
 
 
-class Place(NamedTuple):
+class Site(NamedTuple):
     """A place or a region that the mission names, in radians."""
 
     kind: str
@@ -201,7 +201,7 @@ class Place(NamedTuple):
     """Longitudes and latitudes of its edge, closed."""
 
 
-def places_of(tables: Mapping[str, Any], radius_km: float) -> list[Place]:
+def sites_of(tables: Mapping[str, Any], radius_km: float) -> list[Site]:
     """Target, way-points and no-fly zones of a mission file; what is no place is passed over."""
     found = []
     for kind, key in (("target", "target"), ("way-point", "waypoints"), ("zone", "no_fly_zones")):
@@ -213,7 +213,7 @@ def places_of(tables: Mapping[str, Any], radius_km: float) -> list[Place]:
     return found
 
 
-def _place(kind: str, name: str, entry: Any, radius_km: float) -> Iterator[Place]:
+def _place(kind: str, name: str, entry: Any, radius_km: float) -> Iterator[Site]:
     """A point, a circle of `radius_km`, or a polygon given by lists of its corners."""
     if not isinstance(entry, dict):
         return
@@ -232,30 +232,30 @@ def _place(kind: str, name: str, entry: Any, radius_km: float) -> Iterator[Place
         outline = np.stack([np.append(lons, lons[0]), np.append(lats, lats[0])], axis=-1)
     elif reach_km > 0.0:
         outline = circle(lons[0], lats[0], reach_km / radius_km)
-    yield Place(kind, name, float(lons.mean()), float(lats.mean()), outline)
+    yield Site(kind, name, float(lons.mean()), float(lats.mean()), outline)
 
 
-def draw_places(stage: Stage, places: list[Place], body: Body) -> None:
+def draw_sites(stage: Stage, sites: list[Site], body: Body) -> None:
     """Target, way-points and zones with their names."""
     rr = stage.rr
     drawn: list[str] = []
-    for place in places:
-        path = f"{PATH}/{place.kind}s/{part(place.name)}"
+    for site in sites:
+        path = f"{PATH}/{site.kind}s/{part(site.name)}"
         drawn.append(path)
         path += f"_{n}" if (n := drawn.count(path)) > 1 else ""
-        colour = ZONE if place.kind == "zone" else TARGET
-        at = positions(np.array([place.lon_rad]), np.array([place.lat_rad]), body.radius_km)
-        size = 0.01 if place.kind == "zone" else 6.0
+        colour = ZONE if site.kind == "zone" else TARGET
+        at = positions(np.array([site.lon_rad]), np.array([site.lat_rad]), body.radius_km)
+        size = 0.01 if site.kind == "zone" else 6.0
         dot = rr.Points3D(
             at * LIFTED,
             colors=[colour],
-            labels=[place.name],
+            labels=[site.name],
             show_labels=True,
             radii=rr.Radius.ui_points(size),
         )
         stage.still(path, dot)
-        if place.outline is not None:
-            lons, lats = place.outline[:, 0], place.outline[:, 1]
+        if site.outline is not None:
+            lons, lats = site.outline[:, 0], site.outline[:, 1]
             edge = positions(lons, lats, body.radius_km * LIFTED)
             line = rr.LineStrips3D([edge], colors=[colour], radii=rr.Radius.ui_points(1.4))
             stage.still(f"{path}/outline", line)

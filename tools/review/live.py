@@ -240,8 +240,8 @@ class Painter:
         stage.connect(self._url, layout.blueprint(shape))
         stage.name()
         globe.draw_body(stage, self._body)
-        places = globe.places_of(self._flight.tables, self._body.radius_km)
-        globe.draw_places(stage, places, self._body)
+        places = globe.sites_of(self._flight.tables, self._body.radius_km)
+        globe.draw_sites(stage, places, self._body)
         for chart in self._charts:
             chart.draw_axes(stage)
         looks, is_sent = 0, stage.is_sent(LAST_WITHIN_S)

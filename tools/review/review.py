@@ -152,4 +152,4 @@ def _draw_globe(stage: Stage, flights: list[FlightData], body: globe.Body) -> No
         globe.draw_track(stage, flight.label, flight.truth, body, look)
         moving = flight.truth[thinned(flight.truth["t_s"], globe.MOVING_HZ)]
         globe.draw_vehicle(stage, flight.label, moving, body, look)
-        globe.draw_places(stage, globe.places_of(flight.tables, body.radius_km), body)
+        globe.draw_sites(stage, globe.sites_of(flight.tables, body.radius_km), body)

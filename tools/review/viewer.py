@@ -46,7 +46,7 @@ class LateError(ViewerError):
     """The viewer runs, and did not answer in time."""
 
 
-def again_if_late(attempt: Callable[[], T]) -> T:
+def retry_if_late(attempt: Callable[[], T]) -> T:
     """A viewer that was late has a second try, from its start: the machine may have been busy."""
     try:
         return attempt()
@@ -121,7 +121,7 @@ def open_live() -> "tuple[str, subprocess.Popen[bytes]]":
         raise ViewerError(
             "--live: no display to open a window on; --viewer URL shows the flight elsewhere"
         )
-    return again_if_late(_open_live)
+    return retry_if_late(_open_live)
 
 
 def _open_live() -> "tuple[str, subprocess.Popen[bytes]]":
@@ -165,7 +165,7 @@ def reachable(url: str) -> str:
         host, port = None, None
     if parts.scheme not in SCHEMES or not host or not port or parts.path != "/proxy":
         raise ViewerError(f"--viewer {url}: allowed is an address like {address(9876)}")
-    again_if_late(lambda: _probe(url, (host, port)))
+    retry_if_late(lambda: _probe(url, (host, port)))
     return url
 
 
@@ -192,7 +192,7 @@ def open_window(file: Path, at_s: float) -> None:
             "no display to open a window on; --save FILE.rrd keeps the review, "
             "--screenshot FILE.png draws it without one"
         )
-    again_if_late(lambda: _open_window(file, at_s))
+    retry_if_late(lambda: _open_window(file, at_s))
 
 
 def _open_window(file: Path, at_s: float) -> None:
@@ -222,7 +222,7 @@ def _was_closed(process: "subprocess.Popen[bytes]") -> bool:
 
 def screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int] = WINDOW) -> None:
     """Draw a review at one mission time, without a window."""
-    again_if_late(lambda: _screenshot(file, out, at_s, window))
+    retry_if_late(lambda: _screenshot(file, out, at_s, window))
 
 
 def _screenshot(file: Path, out: Path, at_s: float, window: tuple[int, int]) -> None:

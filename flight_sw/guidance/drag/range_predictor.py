@@ -12,10 +12,10 @@ Limits: one degree of freedom, so speed or altitude at the target is what it tur
 import math
 
 from flight_sw.guidance.drag import by_observer as drag_observer
+from flight_sw.guidance.drag import prediction
 from flight_sw.guidance.drag import tracking as drag_tracking
 from flight_sw.guidance.drag.bank_profile import nominal_bank
 from flight_sw.guidance.drag.tracking import DRAG_MIN_MPS2
-from flight_sw.guidance.drag import prediction
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
@@ -119,7 +119,7 @@ def _predict(load: Record, state: Record, nav: Record) -> None:
         elif state["beside"]["ended"] == 0:
             prediction.step_path(planet, air, design["aim"], state["plane"], state["beside"])
     if state["here"]["ended"] == 1 and state["beside"]["ended"] == 1:
-        _correct(design, load["law"]["tracking"]["way"]["target_m"], state)
+        _correct(design, load["law"]["tracking"]["ground_track"]["target_m"], state)
 
 
 @kernel

@@ -13,7 +13,7 @@ from flight_sw import icd
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, NOMINAL, REFERENCE, look_up
-from flight_sw.model.great_circle import WAY, range_flown
+from flight_sw.model.great_circle import GROUND_TRACK, range_flown
 from flight_sw.model.onboard import FORCES, modelled_forces
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
@@ -47,7 +47,7 @@ FIRST_PHASE = dict.fromkeys(TELEMETRY, TRACKING)
 DESIGN = RecordSpec(
     "drag_tracking",
     Field("reference", record=REFERENCE),
-    Field("way", record=WAY),
+    Field("ground_track", record=GROUND_TRACK),
     Field("alpha_rad", -math.pi, math.pi, "held throughout"),
     Field("profile", record=BANK_PROFILE),
     Field(
@@ -116,7 +116,7 @@ def sense(load: Record, design: Record, state: Record, nav: Record) -> bool:
     )  # fmt: skip
     state["energy_jpkg"] = jacobi_energy(planet, nav["alt_m"], nav["lat_rad"], v_mps)
     state["range_m"] = range_flown(
-        design["way"], planet["radius_m"], nav["lon_rad"], nav["lat_rad"]
+        design["ground_track"], planet["radius_m"], nav["lon_rad"], nav["lat_rad"]
     )
     index = design["reference"]["index"]
     at = nav["t_s"]

@@ -11,7 +11,7 @@ import math
 
 from flight_sw.guidance.heat_flux import nominal
 from flight_sw.model.onboard import specific_energy
-from flight_sw.model.tables import between, place
+from flight_sw.model.tables import between, locate
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.jit import kernel
@@ -94,7 +94,7 @@ def gains(loop: Record, onboard: Record, nav: Record) -> Gains:
     energy_jpkg = specific_energy(onboard["planet"], nav["alt_m"], nav["v_rel_mps"])
     n_rows = int(loop["n_rows"])
     grid = loop["energy_jpkg"]
-    row, share = place(energy_jpkg, grid, n_rows)
+    row, share = locate(energy_jpkg, grid, n_rows)
     k_heat_flux = between(loop["k_heat_flux_radm2pw"], row, share)
     k_load = between(loop["k_load_radpg"], row, share)
     return k_heat_flux, k_load

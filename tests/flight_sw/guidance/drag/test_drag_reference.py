@@ -8,8 +8,8 @@ import pytest
 from flight_sw.errors import LoadError
 from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.reference import NOMINAL, REFERENCE, look_up
-from flight_sw.model.great_circle import WAY, range_flown
-from sim_harness.world.ground_track import fill_way
+from flight_sw.model.great_circle import GROUND_TRACK, range_flown
+from sim_harness.world.ground_track import fill_ground_track
 from sim_harness.world.missions import load_mission
 
 
@@ -49,31 +49,31 @@ def test_outside_its_rows_the_end_is_held_without_slope(cubic, x, row):
     assert (got["slope"], got["bend"]) == (0.0, 0.0)
 
 
-def test_the_way_is_the_great_circle():
+def test_the_track_is_the_great_circle():
     mission = load_mission(
         "mars-lander", {"target.longitude_deg": 60.0, "target.latitude_deg": 45.0}
     )
-    way = np.zeros(1, WAY.dtype)
-    fill_way(way[0], mission)
+    track = np.zeros(1, GROUND_TRACK.dtype)
+    fill_ground_track(track[0], mission)
     radius_m = 3397e3
     # cos c = cos 45 cos 60
     arc = math.acos(math.cos(math.pi / 4) * 0.5)
-    assert way["target_m"][0] == pytest.approx(radius_m * arc)
+    assert track["target_m"][0] == pytest.approx(radius_m * arc)
     lon, lat = math.radians(60.0), math.radians(45.0)
-    assert range_flown(way[0], radius_m, lon, lat) == pytest.approx(radius_m * arc)
-    assert range_flown(way[0], radius_m, 0.0, 0.0) == pytest.approx(0.0, abs=1e-9)
+    assert range_flown(track[0], radius_m, lon, lat) == pytest.approx(radius_m * arc)
+    assert range_flown(track[0], radius_m, 0.0, 0.0) == pytest.approx(0.0, abs=1e-9)
     # A place abeam of the start has flown nothing: at right angles to the way's first heading.
     heading = math.atan2(math.sin(lon) * math.cos(lat), math.sin(lat))
     lat_abeam = math.asin(math.sin(0.1) * math.cos(heading + math.pi / 2))
     lon_abeam = math.asin(math.sin(0.1) * math.sin(heading + math.pi / 2) / math.cos(lat_abeam))
-    assert range_flown(way[0], radius_m, lon_abeam, lat_abeam) == pytest.approx(0.0, abs=1e-6)
+    assert range_flown(track[0], radius_m, lon_abeam, lat_abeam) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_way_that_is_no_frame_is_refused():
-    way = np.zeros(1, WAY.dtype)
-    way["cos_start_x"], way["cos_ahead_x"] = 1.0, 1.0
+def test_a_track_that_is_no_frame_is_refused():
+    track = np.zeros(1, GROUND_TRACK.dtype)
+    track["cos_start_x"], track["cos_ahead_x"] = 1.0, 1.0
     with pytest.raises(LoadError, match="allowed 1, 1 and 0"):
-        WAY.check(way[0], "way")
+        GROUND_TRACK.check(track[0], "ground_track")
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_the_first_prediction_and_its_correction_are_the_twins() -> None:
         case, nav, vehicle, plan = law_case(step_s)
         apart = float(case.law["predictor"]["cos_apart"])
         here, beside = (end_of(nav, vehicle, plan, shift)[0] for shift in (0.0, apart))
-        case.law["tracking"]["way"]["target_m"] = range_here_m(nav) + here + wanted_m
+        case.law["tracking"]["ground_track"]["target_m"] = range_here_m(nav) + here + wanted_m
         ((error_m, shift),) = fly_updates(case, nav, 1)
         errors.append(error_m)
         shifts.append(shift)
@@ -208,7 +208,7 @@ def test_each_correction_leaves_three_tenths_of_the_error(sign: float) -> None:
     """A share of 0.7 of Newton's step on an end that is nearly straight in the shift."""
     case, nav, vehicle, plan = law_case()
     here, _, _ = end_of(nav, vehicle, plan, 0.0)
-    case.law["tracking"]["way"]["target_m"] = range_here_m(nav) + here + sign * 3000.0
+    case.law["tracking"]["ground_track"]["target_m"] = range_here_m(nav) + here + sign * 3000.0
     errors = [error for error, _ in fly_updates(case, nav, 5)]
     for before, after in pairwise(errors):
         assert after / before == pytest.approx(0.3, abs=0.03)
@@ -217,7 +217,7 @@ def test_each_correction_leaves_three_tenths_of_the_error(sign: float) -> None:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_target_out_of_reach_is_approached_by_largest_steps_to_a_limit(sign: float) -> None:
     case, nav, _, plan = law_case()
-    case.law["tracking"]["way"]["target_m"] = range_here_m(nav) + sign * 5e6 + 4e5
+    case.law["tracking"]["ground_track"]["target_m"] = range_here_m(nav) + sign * 5e6 + 4e5
     shifts = [shift for _, shift in fly_updates(case, nav, 20)]
     assert shifts[:2] == pytest.approx([sign * 0.15, sign * 0.3], rel=1e-12)
     # no further than full lift all along: 1 - cos of the bank at the slow or fast end
@@ -227,7 +227,7 @@ def test_a_target_out_of_reach_is_approached_by_largest_steps_to_a_limit(sign: f
 
 def test_the_shift_flown_follows_and_a_control_beyond_its_limits_says_saturated() -> None:
     case, nav, _, plan = law_case(step_s=4.0)
-    case.law["tracking"]["way"]["target_m"] = 1e7
+    case.law["tracking"]["ground_track"]["target_m"] = 1e7
     case.law["predictor"]["follow_ratio"] = share = 0.25
     codes, flown = [], 0.0
     for i in range(20):
