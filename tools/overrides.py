@@ -26,8 +26,8 @@ from sim_harness.mission.mission import (
 )
 from sim_harness.mission.quantities import plain
 from sim_harness.world.missions import load_mission
+from tools.gains.design import Design, laws_of, read_tree
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
-from tools.gains.schema import Design, laws_of, read_tree
 
 DESIGN_PREFIX = "design."
 TOLD_TO_THE_COMPUTER = ("limits.", "guidance.rate_hz")

@@ -1,32 +1,47 @@
-"""The guidance laws: a module each, and the one place that lists them.
+"""The guidance laws, a folder a family: every package in this one is a family, and has LAWS.
 
 A law module has DESIGN and STATE (RecordSpec), PHASES and TELEMETRY (names), FIRST_PHASE (of
 telemetry that is not formed from the beginning), and a kernel `step(load, state, nav, out) ->
-status`. The law a computer runs is chosen by the type of its load:
-`law_step` is resolved when the minor frame is compiled, so that a computer holds one law's code.
+status`. The law a computer runs is chosen by the type of its load: `law_step` is resolved when the
+minor frame is compiled, so that a computer holds one law's code.
+
+What the ground designs for a family lies under the same name in tools/gains.
 """
 
+import importlib
+import pkgutil
 from types import ModuleType
 from typing import Any
 
 from numba.extending import overload
 
 from flight_sw.errors import LoadError
-from flight_sw.guidance.drag import by_observer as drag_observer
-from flight_sw.guidance.drag import by_state as drag_state
-from flight_sw.guidance.drag import range_predictor
-from flight_sw.guidance.heat_flux import integrated, lqy, nominal, sag
 from flight_sw.records.types_ import Record
 
-LAWS: dict[str, ModuleType] = {
-    "nominal": nominal,
-    "lqy": lqy,
-    "drag-state": drag_state,
-    "drag-observer": drag_observer,
-    "range-predictor": range_predictor,
-    "sag": sag,
-    "integrated": integrated,
-}
+
+def _families() -> dict[str, ModuleType]:
+    """The packages in this folder, by name."""
+    names = sorted(found.name for found in pkgutil.iter_modules(__path__) if found.ispkg)
+    return {name: importlib.import_module(f"{__name__}.{name}") for name in names}
+
+
+FAMILIES = _families()
+
+
+def _laws() -> dict[str, ModuleType]:
+    """All laws by name; two families with one name are an error of the build."""
+    found: dict[str, ModuleType] = {}
+    for family in FAMILIES.values():
+        for name, module in family.LAWS.items():
+            if name in found:
+                raise ImportError(
+                    f"law '{name}' is in {found[name].__name__} and {module.__name__}"
+                )
+            found[name] = module
+    return found
+
+
+LAWS = _laws()
 
 MARKER = "law_is_"
 """A load's record type has one field of this name and its law's: two laws never share a type."""

@@ -9,7 +9,7 @@ from flight_sw.guidance import law_module, law_step
 from flight_sw.load_image import parse_image
 from flight_sw.records.dictionary import GUIDANCE, NAV
 from tests.system.flights import ROOT
-from tools.gains.schema import Design, design_of, read_tree
+from tools.gains.design import Design, design_of, read_tree
 
 DESIGN_PATH = ROOT / "gains" / "mars-lander" / "design.toml"
 

@@ -17,7 +17,7 @@ from tests.sim_harness.cartesian_twin import Twin, planet_fixed
 from tests.sim_harness.flights import EARTH_J2, EARTH_SPIN_RADPS, flown, plain_mission, run
 from tests.sim_harness.test_motion import LIFTING, miss_m_mps
 from tools.gains.body import fill_body
-from tools.gains.schema import design_of, read_tree
+from tools.gains.design import design_of, read_tree
 
 SEEDS = 300 if UNCOMPILED else 2000
 RANDOM = {

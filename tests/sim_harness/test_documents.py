@@ -21,7 +21,7 @@ from sim_harness.mission.mission import SHIPPED, find
 from sim_harness.world.assembly import world_of
 from sim_harness.world.missions import load_mission
 from tools.cli import main
-from tools.gains.schema import read_tree
+from tools.gains.design import read_tree
 
 CASES = Path(__file__).parent / "cases"
 SENTENCE_MAX = 400  # characters, with a value of 200

@@ -29,7 +29,7 @@ from sim_harness.telemetry.records import BUS_LOG
 from sim_harness.world.missions import load_mission
 from sim_harness.world.records import TRUTH
 from tools.gains.body import fill_body
-from tools.gains.schema import Design, design_of, read_tree
+from tools.gains.design import Design, design_of, read_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 MISSION = "hyperion-1"

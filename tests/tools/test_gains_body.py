@@ -15,7 +15,7 @@ from sim_harness.world.missions import load_mission
 from tests.flight_sw.guidance.heat_flux.guidance_twin import areas_m2
 from tests.system.flights import DESIGN_PATH, LAWS, MISSION, built, design
 from tools.gains.body import fill_body
-from tools.gains.schema import design_of, read_tree
+from tools.gains.design import design_of, read_tree
 
 DEG = math.pi / 180.0
 

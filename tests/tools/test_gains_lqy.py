@@ -10,7 +10,7 @@ from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 from flight_sw.errors import DesignError
 from sim_harness.world import atmosphere
 from tests.system.flights import built, design
-from tools.gains.lqy import (
+from tools.gains.heat_flux.lqy import (
     Along,
     OperatingPoint,
     margins,

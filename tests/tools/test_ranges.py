@@ -18,7 +18,7 @@ from sim_harness.mission.mission import Mission, find, leaf_keys, read_toml
 from sim_harness.mission.quantities import Quantity, Section, Series
 from sim_harness.world.missions import load_mission
 from tools.gains.body import fill_body
-from tools.gains.schema import Design, design_of, read_tree
+from tools.gains.design import Design, design_of, read_tree
 from tools.overrides import with_values
 
 GAINS = Path(__file__).parents[2] / "gains"

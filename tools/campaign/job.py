@@ -28,8 +28,8 @@ from sim_harness.world.assembly import read_csv
 from sim_harness.world.missions import mission_of
 from tools.campaign.profiles import F8, KEY, RATE_HZ, Profiler, speeds
 from tools.gains.body import fill_body
+from tools.gains.design import Design, design_of, read_tree
 from tools.gains.image import DESIGN_NAME
-from tools.gains.schema import Design, design_of, read_tree
 from tools.overrides import (
     DESIGN_PREFIX,
     NOT_SETTABLE,

@@ -18,8 +18,8 @@ from sim_harness.mission.mission import Mission
 from sim_harness.world.missions import mission_of
 from tools.campaign.folder import FLIGHTS_MAX, SEED_MAX
 from tools.campaign.job import Flyer, Job, Run, job_of, load_of, resolved
+from tools.gains.design import design_of
 from tools.gains.image import DESIGN_NAME
-from tools.gains.schema import design_of
 from tools.overrides import DESIGN_PREFIX, is_told, with_values
 
 SOURCES = (FLIGHT_ROOT, FLIGHT_ROOT.parent / "sim_harness")

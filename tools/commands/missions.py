@@ -14,8 +14,8 @@ def missions(
     """List the shipped missions; a path of a mission TOML of your own flies as well."""
     from sim_harness.mission.mission import list_missions
     from sim_harness.world.missions import load_mission
+    from tools.gains.design import laws_of, read_tree
     from tools.gains.image import DESIGN_NAME
-    from tools.gains.schema import laws_of, read_tree
 
     rows = []
     for shipped in list_missions():

@@ -7,9 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.errors import DesignError
 from flight_sw.guidance import MARKER
-from flight_sw.guidance.heat_flux.peak import PEAK_BY
 from flight_sw.limits import UNLIMITED
 from flight_sw.load_image import body_spec
 from flight_sw.model.onboard import ALPHA_ROWS, MACH_ROWS
@@ -19,8 +17,10 @@ from sim_harness.mission.mission import Mission
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.assembly import world_of
 from sim_harness.world.records import AERO_TABLE
-from tools.gains import adaptive, drag, lqy
-from tools.gains.schema import Axis, Design
+from tools.gains.design import FAMILIES, Design
+from tools.gains.schema import Axis
+
+Filler = Callable[[Record, Design, Mission, str], dict[str, Any]]
 
 AGREEING_CYCLES_MIN = 3  # however long a minor frame is
 
@@ -106,76 +106,12 @@ def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
     body["gates"]["agreeing_cycles"] = max(agreeing, AGREEING_CYCLES_MIN)
 
 
-def _nominal(record: Record, design: Design, mission: Mission) -> None:
-    choice = design.nominal
-    if choice is None:
-        raise DesignError("laws: this one needs a table [nominal], which is missing")
-    limits, heating = mission.limits, mission.heating
-    for name in ("heat_flux_max_kwpm2", "load_factor_max_g"):
-        if not math.isfinite(getattr(limits, name)):
-            raise DesignError(
-                f"laws: this one needs limits.{name}, which is infinite: allowed is a finite limit"
-            )
-    if heating is None:
-        raise DesignError("laws: this one needs a table [heating] in the mission")
-    record["heat_flux_max_wpm2"] = limits.heat_flux_max_kwpm2 * 1e3
-    record["load_factor_max_g"] = limits.load_factor_max_g
-    # q = k rho^m V^n is constant where rho V^(n/m) is.
-    exponent = heating.speed_exponent / heating.density_exponent
-    record["heat_flux_exponent"] = exponent
-    if not choice.release_exponent < exponent:
-        raise DesignError(
-            f"nominal.release_exponent is {choice.release_exponent:g}, allowed below "
-            f"{exponent:g}, the exponent of a constant heat flux"
-        )
-    record["peak_scale_exponent"] = 1.0
-    record["peak_by"] = PEAK_BY.index(choice.peak_by)
-    for name, value in choice:
-        if name == "peak_by":
-            continue
-        if name.endswith("_deg"):
-            record[name.removesuffix("_deg") + "_rad"] = math.radians(value)
-        elif name.endswith("_kwpm2"):
-            record[name.removesuffix("_kwpm2") + "_wpm2"] = value * 1e3
-        else:
-            record[name] = value
+def _fillers() -> dict[str, Filler]:
+    """How each law's own record is filled, from all families."""
+    return {law: filler for family in FAMILIES.values() for law, filler in family.FILLERS.items()}
 
 
-def _fill_nominal(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
-    _nominal(body["law"], design, mission)
-    return {}
-
-
-def _fill_lqy(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
-    if design.lqy is None:
-        raise DesignError("laws: this one needs a table [lqy], which is missing")
-    law = body["law"]
-    _nominal(law["nominal"], design, mission)
-    points = lqy.operating_points(body, law["nominal"], design.lqy)
-    lqy.fill(law["inner_loop"], design.lqy, points)
-    return {"operating_points": [vars(p) for p in points]}
-
-
-def _fill_adaptive(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
-    report = _fill_lqy(body, design, mission)
-    if design.sag is None or design.tracking is None:
-        raise DesignError("laws: sag and integrated need tables [sag] and [tracking]")
-    law = body["law"]
-    adaptive.fill_weights(law["tracking"], design.sag)
-    told = adaptive.fill_tracking(law, design.tracking, float(body["guidance_dt_s"]))
-    return {**told, **report}
-
-
-FILLERS: dict[str, Callable[[Record, Design, Mission], dict[str, Any]]] = {
-    "nominal": _fill_nominal,
-    "lqy": _fill_lqy,
-    "drag-state": drag.fill_drag_state,
-    "drag-observer": drag.fill_drag_observer,
-    "range-predictor": drag.fill_range_predictor,
-    "sag": _fill_adaptive,
-    "integrated": _fill_adaptive,
-}
-"""How each law's own record is filled; returns what the provenance reports of the design."""
+FILLERS = _fillers()
 
 
 def fill_body(law: str, design: Design, mission: Mission) -> Filled:
@@ -183,4 +119,4 @@ def fill_body(law: str, design: Design, mission: Mission) -> Filled:
     mission = mission.as_modelled()
     body = np.zeros(1, body_spec(law).dtype)
     _common(body[0], law, design, mission)
-    return Filled(body, FILLERS[law](body[0], design, mission))
+    return Filled(body, FILLERS[law](body[0], design, mission, law))

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from flight_sw.errors import LoadError
 from flight_sw.load_image import parse_image
-from tools.gains.drag import SIGNIFICANT_DIGITS, rounded
 from tools.gains.image import (
     Made,
     body_crc32,
@@ -24,6 +23,7 @@ from tools.gains.image import (
     provenance_text,
     write,
 )
+from tools.gains.rounding import SIGNIFICANT_DIGITS, rounded
 
 ROUND_OFF_MAX = 1e-9  # of a column's largest value
 CRC_KEYS = {"load_crc32", "body_crc32"}

@@ -15,7 +15,7 @@ from flight_sw.load_image import HEADER, image_bytes, layout_hash, parse_image
 from sim_harness.mission.mission import Mission, find
 from sim_harness.world.missions import load_mission
 from tools.gains.body import fill_body
-from tools.gains.schema import Design, design_of, read_tree
+from tools.gains.design import Design, design_of, read_tree
 
 DESIGN_NAME = "design.toml"
 VERSIONS_OF = ("numpy", "scipy", "control", "numba")

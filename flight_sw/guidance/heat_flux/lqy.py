@@ -1,6 +1,6 @@
 """Nominal guidance with the inner loop: output feedback on heat flux and load factor (LQY).
 
-Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/lqy.py, scheduled over specific energy. The
+Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/heat_flux/lqy.py, scheduled over specific energy. The
 heat-flux output is taken at the pseudo altitude h* = h + c_gamma V gamma of Eq. 30: its deviation
 from the commanded path leads the measured error, without it the loop is a double integrator.
 

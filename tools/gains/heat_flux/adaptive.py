@@ -6,8 +6,8 @@ from typing import Any
 from flight_sw.guidance.heat_flux.adaptive import HUGE, RATES
 from flight_sw.guidance.heat_flux.peak import PEAK_BY
 from flight_sw.records.types_ import Record
+from tools.gains.heat_flux.choices import Sag, Tracking
 from tools.gains.observer import fill_observer
-from tools.gains.schema import Sag, Tracking
 
 NOT_NOMINAL_S = 1e-9  # a filter faster than this takes the newest value whole
 

@@ -26,7 +26,7 @@ from sim_harness.mission.mission import Mission
 from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.ground_track import fill_ground_track
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
-from tools.gains.drag_choices import NominalFlight
+from tools.gains.drag.choices import NominalFlight
 
 Rows = npt.NDArray[np.void]
 GRID_DEG = 6.0  # of the banks that are tried first

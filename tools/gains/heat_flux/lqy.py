@@ -15,9 +15,9 @@ from flight_sw.errors import DesignError
 from flight_sw.guidance.heat_flux import nominal
 from flight_sw.model.onboard import FORCES, heat_flux, modelled_forces, specific_energy
 from flight_sw.records.types_ import Record
-from tools.gains.schema import Lqy
+from tools.gains.heat_flux.choices import Lqy
+from tools.gains.rounding import rounded
 
-SIGNIFICANT_DIGITS = 9  # of a stored gain: below what LAPACK builds differ in
 LOWEST_ALTITUDE_M = 0.0
 HIGHEST_ALTITUDE_M = 150e3
 

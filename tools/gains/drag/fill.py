@@ -10,17 +10,11 @@ from flight_sw.guidance.drag import by_observer as drag_observer
 from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
 from sim_harness.world.ground_track import fill_ground_track
-from tools.gains.drag_choices import DragTracking, RangePredictor
-from tools.gains.nominal_flight import INDEXES, Nominal, Reference, Row, solved
+from tools.gains.drag.choices import DragTracking, NominalFlight, RangePredictor
+from tools.gains.drag.nominal_flight import INDEXES, Nominal, Reference, Row, solved
 from tools.gains.observer import fill_observer
-from tools.gains.schema import Design
-
-SIGNIFICANT_DIGITS = 9  # of what is stored of a solved flight: below what C libraries differ in
-
-
-def rounded(value: float) -> float:
-    """The value to the digits that are stored."""
-    return float(f"{value:z.{SIGNIFICANT_DIGITS - 1}e}")
+from tools.gains.rounding import rounded
+from tools.gains.schema import CommonDesign, Observer
 
 
 def share_of(lag_s: float, step_s: float) -> float:
@@ -28,13 +22,7 @@ def share_of(lag_s: float, step_s: float) -> float:
     return -math.expm1(-step_s / lag_s) if lag_s > 0.0 else 1.0
 
 
-def _choice(design: Design, law: str) -> DragTracking:
-    if design.drag is None:
-        raise DesignError(f"laws: {law} needs a table [drag], which is missing")
-    return design.drag
-
-
-def _controls(record: Record, design: Design) -> None:
+def _controls(record: Record, design: CommonDesign) -> None:
     """Range of the cosine of bank within the command limits, for a positive bank."""
     axis = design.limits.bank
     low, high = max(axis.low_deg, 0.0), min(axis.high_deg, 180.0)
@@ -70,20 +58,21 @@ def _told(nominal: Nominal, rows: list[Row]) -> dict[str, Any]:
 
 
 def fill_tracking(
-    record: Record, body: Record, design: Design, mission: Mission, law: str
+    record: Record, body: Record, design: CommonDesign, mission: Mission, law: str
 ) -> dict[str, Any]:
     """Reference, gains and limits; returns what the provenance tells."""
-    choice = _choice(design, law)
+    choice = design.table(DragTracking, "drag", law)
     if float(body["onboard"]["vehicle"]["mass_kg"]) <= 0.0:
         raise DesignError("vehicle.mass_kg is not above 0")
     believed = mission.model_copy(
         update={"entry": mission.entry.model_copy(update={"angle_of_attack_deg": choice.alpha_deg})}
     )
-    nominal = solved(believed, design.nominal_flight)
+    flight = design.table(NominalFlight, "nominal_flight", law)
+    nominal = solved(believed, flight)
     fill_ground_track(record["ground_track"], mission)
-    rows = Reference(body, record["ground_track"], nominal, design.nominal_flight).rows()
+    rows = Reference(body, record["ground_track"], nominal, flight).rows()
     _reference(record["reference"], rows)
-    record["reference"]["index"] = INDEXES[design.nominal_flight.index]
+    record["reference"]["index"] = INDEXES[flight.index]
     fill_profile(record["profile"], nominal)
     record["alpha_rad"] = math.radians(choice.alpha_deg)
     record["active_drag_mps2"] = choice.active_drag_mps2
@@ -102,13 +91,12 @@ def fill_profile(record: Record, nominal: Nominal) -> None:
         record[name] = rounded(float(nominal.profile[0][name]))
 
 
-def fill_watch(record: Record, body: Record, design: Design, law: str) -> dict[str, Any]:
+def fill_watch(record: Record, body: Record, design: CommonDesign, law: str) -> dict[str, Any]:
     """The observer of the drag."""
-    choice = _choice(design, law)
-    if design.drag_observer is None:
-        raise DesignError(f"laws: {law} needs a table [drag_observer], which is missing")
+    choice = design.table(DragTracking, "drag", law)
+    observer = design.table(Observer, "drag_observer", law)
     step_s = float(body["guidance_dt_s"])
-    told = fill_observer(record["observer"], design.drag_observer, step_s)
+    told = fill_observer(record["observer"], observer, step_s)
     told["poles_radps"] = [[round(part, 6) for part in pole] for pole in told["poles_radps"]]
     told["rate_noise_1ps"] = rounded(told["rate_noise_1ps"])
     follows = {"error": drag_observer.OBSERVES_ERROR, "ratio": drag_observer.OBSERVES_RATIO}
@@ -140,24 +128,27 @@ def _fill_predictor(record: Record, body: Record, choice: RangePredictor, missio
     record["follow_ratio"] = share_of(choice.lag_s, float(body["guidance_dt_s"]))
 
 
-def fill_drag_state(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
+def fill_drag_state(
+    body: Record, design: CommonDesign, mission: Mission, law: str
+) -> dict[str, Any]:
     """Law `drag-state`."""
-    return fill_tracking(body["law"]["tracking"], body, design, mission, "drag-state")
+    return fill_tracking(body["law"]["tracking"], body, design, mission, law)
 
 
-def fill_drag_observer(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
+def fill_drag_observer(
+    body: Record, design: CommonDesign, mission: Mission, law: str
+) -> dict[str, Any]:
     """Law `drag-observer`."""
-    law = "drag-observer"
     told = fill_tracking(body["law"]["tracking"], body, design, mission, law)
     return told | fill_watch(body["law"]["watch"], body, design, law)
 
 
-def fill_range_predictor(body: Record, design: Design, mission: Mission) -> dict[str, Any]:
+def fill_range_predictor(
+    body: Record, design: CommonDesign, mission: Mission, law: str
+) -> dict[str, Any]:
     """Law `range-predictor`."""
-    law = "range-predictor"
-    if design.range_predictor is None:
-        raise DesignError(f"laws: {law} needs a table [range_predictor], which is missing")
+    choice = design.table(RangePredictor, "range_predictor", law)
     told = fill_tracking(body["law"]["tracking"], body, design, mission, law)
     told |= fill_watch(body["law"]["watch"], body, design, law)
-    _fill_predictor(body["law"]["predictor"], body, design.range_predictor, mission)
+    _fill_predictor(body["law"]["predictor"], body, choice, mission)
     return told
