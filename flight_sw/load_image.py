@@ -133,8 +133,22 @@ def load_dtype(law: str) -> np.dtype[np.void]:
     return np.dtype(own + [(name, body[name]) for name in body.names or ()], align=True)
 
 
+def messages_of(law: str) -> tuple[icd.Message, ...]:
+    """The messages that a computer with this law hears or sends: no other family's telemetry."""
+    names = set(law_module(law).TELEMETRY)
+    return tuple(
+        message
+        for message in icd.LAYOUT
+        if not message.name.startswith(TELEMETRY_PREFIX)
+        or {signal.name for signal in message.signals} <= names
+    )
+
+
 def layout_hash(law: str) -> str:
-    """Hash of the body's exact layout and of the DBC: images of another build are refused."""
+    """Hash of the body's exact layout and of the messages that the law uses.
+
+    Images of another build are refused; what is said in comments makes no difference.
+    """
 
     def described(dtype: np.dtype[np.void]) -> str:
         if dtype.subdtype is not None:
@@ -147,7 +161,8 @@ def layout_hash(law: str) -> str:
         )
         return f"{{{inner}}}{dtype.itemsize}"
 
-    text = f"{law} {described(body_spec(law).dtype)} {icd.DBC_SHA256}"
+    messages = [message.on_the_wire for message in messages_of(law)]
+    text = f"{law} {described(body_spec(law).dtype)} {messages}"
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -249,12 +264,12 @@ def _wire(load: npt.NDArray[np.void], law: str) -> None:
     wiring = load["wiring"][0]
     wiring["value_index"] = -1
     slots = []
-    for slot, message in enumerate(icd.MESSAGES):
-        signals = icd.signal_names(message)
-        if message.startswith(TELEMETRY_PREFIX) and set(signals) <= set(names):
-            slots.append(slot)
-            for signal in signals:
-                wiring["value_index"][names.index(signal)] = icd.value_index(message, signal)
+    for message in messages_of(law):
+        if message.name.startswith(TELEMETRY_PREFIX):
+            slots.append(icd.slot(message.name))
+            for signal in message.signals:
+                index = icd.value_index(message.name, signal.name)
+                wiring["value_index"][names.index(signal.name)] = index
     wiring["n_messages"] = len(slots)
     dt_s = float(load["dt_s"][0])
     wiring["telemetry_divider"] = _minor_frames(min((*slots, HEALTH_SLOT), key=_cycle_ms), dt_s)

@@ -34,9 +34,8 @@ def _laws() -> dict[str, ModuleType]:
     for family in FAMILIES.values():
         for name, module in family.LAWS.items():
             if name in found:
-                raise ImportError(
-                    f"law '{name}' is in {found[name].__name__} and {module.__name__}"
-                )
+                both = f"{found[name].__name__} and {module.__name__}"
+                raise ImportError(f"law '{name}' is in {both}")
             found[name] = module
     return found
 

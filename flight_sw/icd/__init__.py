@@ -5,7 +5,7 @@ of the end-to-end protection, are numbered through in one flat vector of values.
 """
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 from cantools.database import Database
@@ -58,6 +58,12 @@ class Message:
     """The E2E data id for each value of the counter."""
     comment: str
     signals: tuple[Signal, ...]
+
+    @property
+    def on_the_wire(self) -> tuple[object, ...]:
+        """Everything that decides which bits it has and what they mean: all but the comments."""
+        signals = tuple(replace(signal, comment="") for signal in self.signals)
+        return astuple(replace(self, comment="", signals=signals))
 
 
 def _signal(message: str, dbc: DbcSignal) -> Signal:

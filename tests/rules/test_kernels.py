@@ -17,7 +17,7 @@ from tests.rules.sources import (
 
 ARGUMENTS_MAX = 8
 DECORATORS = {"kernel", "seldom_kernel"}
-DECORATOR_FILES = (FLIGHT / "jit.py", HARNESS / "jit.py")
+DECORATOR_FILES = (FLIGHT / "runtime" / "jit.py", HARNESS / "jit.py")
 COMPILERS = {"njit", "jit", "cfunc", "vectorize", "guvectorize", "stencil", "jitclass"}
 SCALARS = {
     f"np.{kind}{bits}" for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)

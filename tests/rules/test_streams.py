@@ -7,7 +7,7 @@ import pytest
 
 from tests.rules.sources import FLIGHT, ROOT, dotted, name_of, python_files, tree_of
 
-WRITER = FLIGHT / "streams.py"
+WRITER = FLIGHT / "runtime" / "streams.py"
 CONSOLES = ROOT / "tools" / "console.py"
 CALLS = {
     "print", "pprint", "pprint.pprint", "typer.echo", "typer.secho", "click.echo", "click.secho",

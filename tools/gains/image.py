@@ -9,7 +9,6 @@ import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flight_sw import icd
 from flight_sw.errors import DesignError
 from flight_sw.load_image import HEADER, image_bytes, layout_hash, parse_image
 from sim_harness.mission.mission import Mission, find
@@ -84,7 +83,6 @@ def make(law: str, design: Design, mission: Mission, path: Path) -> Made:
         "inputs_sha256": {
             DESIGN_NAME: hashlib.sha256(path.read_bytes()).hexdigest(),
             mission.path.name: hashlib.sha256(mission.path.read_bytes()).hexdigest(),
-            icd.DBC_PATH.name: icd.DBC_SHA256,
         },
         "versions": {name: importlib.metadata.version(name) for name in VERSIONS_OF},
         **filled.report,

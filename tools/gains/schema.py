@@ -147,7 +147,7 @@ class CommonDesign(Section):
         return self
 
     def table(self, kind: type[S], name: str, law: str) -> S:
-        """A family's table by its name; raises DesignError where a law needs one that is missing."""
+        """A family's table by its name; raises DesignError where it is missing."""
         found = getattr(self, name, None)
         if not isinstance(found, kind):
             raise DesignError(f"laws: {law} needs a table [{name}], which is missing")

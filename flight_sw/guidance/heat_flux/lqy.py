@@ -1,7 +1,8 @@
 """Nominal guidance with the inner loop: output feedback on heat flux and load factor (LQY).
 
-Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/heat_flux/lqy.py, scheduled over specific energy. The
-heat-flux output is taken at the pseudo altitude h* = h + c_gamma V gamma of Eq. 30: its deviation
+Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/heat_flux/lqy.py, scheduled over specific
+energy. The heat-flux output is taken at the pseudo altitude h* = h + c_gamma V gamma of Eq. 30: its
+deviation
 from the commanded path leads the measured error, without it the loop is a double integrator.
 
 Limits: bank only; load-factor error one-sided, so the loop never drives the load up to its limit.

@@ -42,11 +42,6 @@ class OperatingPoint:
     phase_margin_deg: float
 
 
-def rounded(value: float) -> float:
-    """The value to the digits that are stored."""
-    return float(f"{value:z.{SIGNIFICANT_DIGITS - 1}e}")
-
-
 def scaled_projection(state_gain: Matrix, output: Matrix, scale: Matrix) -> float:
     """The scalar output gain nearest to a state gain, in scaled states.
 
