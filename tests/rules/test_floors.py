@@ -23,7 +23,7 @@ FLOORS = {
         ("__main__",),
     ),
     "sim_harness": (
-        ("jit",),
+        ("jit", "missions"),
         ("fence",),
         ("mission", "telemetry"),
         ("world", "bus", "replay"),

@@ -2,8 +2,8 @@
 
 Source: [MOOIJ18] Eqs. 28-32; gains from tools/gains/heat_flux/lqy.py, scheduled over specific
 energy. The heat-flux output is taken at the pseudo altitude h* = h + c_gamma V gamma of Eq. 30: its
-deviation
-from the commanded path leads the measured error, without it the loop is a double integrator.
+deviation from the commanded path leads the measured error, without it the loop is a double
+integrator.
 
 Limits: bank only; load-factor error one-sided, so the loop never drives the load up to its limit.
 """
