@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field
 
 from flight_sw.can.plain import plain_frame, read_plain
-from flight_sw.guidance import LAWS
+from flight_sw.guidance import NUMBERS
 from flight_sw.icd import layout
 from flight_sw.load_image import LoadImage
 from flight_sw.records.dictionary import FRAME
@@ -21,7 +21,7 @@ SURE = 2  # words of one number: a random frame with a right checksum is not sai
 
 def boot_frames(number: int, image: LoadImage, state: int, counter: int) -> tuple[bytes, bytes]:
     """FSW_BOOT and FSW_LOAD as they lie on the wire."""
-    law = list(LAWS).index(image.law)
+    law = NUMBERS[image.law]
     boot = {"computer": number, "state": state, "law": law, "sources": SOURCES}
     load = {"computer": number, "load_crc32": image.crc32}
     return plain_frame("FSW_BOOT", boot, counter), plain_frame("FSW_LOAD", load, counter)

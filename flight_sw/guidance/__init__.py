@@ -28,19 +28,23 @@ def _families() -> dict[str, ModuleType]:
 FAMILIES = _families()
 
 
-def _laws() -> dict[str, ModuleType]:
-    """All laws by name; two families with one name are an error of the build."""
-    found: dict[str, ModuleType] = {}
+def _numbered() -> dict[int, tuple[str, ModuleType]]:
+    """Name and module of every law by its number; two with one of either are an error."""
+    found: dict[int, tuple[str, ModuleType]] = {}
     for family in FAMILIES.values():
-        for name, module in family.LAWS.items():
-            if name in found:
-                both = f"{found[name].__name__} and {module.__name__}"
-                raise ImportError(f"law '{name}' is in {both}")
-            found[name] = module
+        for name, (number, module) in family.LAWS.items():
+            if number in found or name in {other for other, _ in found.values()}:
+                raise ImportError(
+                    f"{family.__name__}: law '{name}', number {number}, is there twice"
+                )
+            found[number] = name, module
     return found
 
 
-LAWS = _laws()
+_NUMBERED = _numbered()
+NUMBERS = {name: number for number, (name, _) in sorted(_NUMBERED.items())}
+"""What FSW_BOOT sends for each law."""
+LAWS: dict[str, ModuleType] = {name: module for _, (name, module) in sorted(_NUMBERED.items())}
 
 MARKER = "law_is_"
 """A load's record type has one field of this name and its law's: two laws never share a type."""

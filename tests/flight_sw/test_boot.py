@@ -17,7 +17,7 @@ from flight_sw.announcer import ARMED, COMPILING, READY, Announcer, boot_frames
 from flight_sw.can.address import open_bus
 from flight_sw.can.codec import build_codec
 from flight_sw.can.plain import CAN_FRAME, checksum, plain_frame, read_plain
-from flight_sw.guidance import LAWS
+from flight_sw.guidance import LAWS, NUMBERS
 from flight_sw.reception.receiver import OK, RX_STATE, judge
 from flight_sw.records.dictionary import FRAME
 from flight_sw.runtime.identity import SOURCES, sources_sha256
@@ -47,7 +47,7 @@ def test_the_announcement_is_what_receiver_and_cantools_read(
     image = built("lqy").image._replace(law=law, crc32=0xDEADBEEF)
     wanted = {
         "FSW_BOOT": {
-            "computer": 0x5A5A5, "state": state, "law": list(LAWS).index(law), "sources": SOURCES,
+            "computer": 0x5A5A5, "state": state, "law": NUMBERS[law], "sources": SOURCES,
         },
         "FSW_LOAD": {"computer": 0x5A5A5, "load_crc32": 0xDEADBEEF},
     }  # fmt: skip
