@@ -17,7 +17,10 @@ OUTCOME_CELLS = 5  # outcome, when, exit, and what is outside the bars
 # In brackets and neither an index (`x[ALPHA]`) nor a link: a source.
 KEY = re.compile(r"(?<![\w\])])\[([A-Z][A-Z0-9]+(?:-[A-Z0-9]+)*)\](?!\()")
 KEYS = {m.group(1) for m in re.finditer(r"^\| \[([A-Z0-9-]+)\] \|", REFERENCES, re.MULTILINE)}
-CITING = [*python_files("flight_sw", "sim_harness", "tools"), *sorted((ROOT / "docs").glob("*.md"))]
+CITING = [
+    *python_files("flight_sw", "sim_harness", "tools"),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 
 
 @pytest.mark.parametrize("path", CITING, ids=name_of)

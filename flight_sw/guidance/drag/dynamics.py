@@ -1,7 +1,7 @@
 """How the drag acceleration moves: its rate and second derivative, as the load knows the motion.
 
 Source: [YANHE] Eqs. 8-11 with the sign of one term of f corrected, written for any atmosphere and a
-rotating planet: docs/equations.md, section 20. For exponential air over a planet at rest f and g0
+rotating planet: docs/laws/drag.md, section 20. For exponential air over a planet at rest f and g0
 are the source's term by term.
 
 Limits: the drag coefficient is taken as constant (no rate of its Mach number or angle of attack);

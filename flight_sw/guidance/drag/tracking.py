@@ -1,7 +1,7 @@
 """What the laws that follow a drag profile share: reference, activation, control, telemetry.
 
 Source: [YANHE] Eqs. 14 and 24, the reference indexed by Jacobi energy; departures in
-docs/equations.md, section 21. Until the sensed drag is enough, the bank of the nominal flight is
+docs/laws/drag.md, section 21. Until the sensed drag is enough, the bank of the nominal flight is
 held, a straight line over speed.
 
 Limits: magnitude of bank alone, positive; constant angle of attack.

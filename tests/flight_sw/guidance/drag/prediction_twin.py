@@ -1,4 +1,4 @@
-"""Slow twin of the predictor: the motion of docs/equations.md, section 22, as vectors in a plane.
+"""Slow twin of the predictor: the motion of docs/laws/drag.md, section 22, as vectors in a plane.
 
 Position and velocity are Cartesian in the vertical plane of the fix, x ahead and y up, the planet's
 turn enters as -2 Omega x v and -Omega x (Omega x r) of its vector in local east, north, up. Nothing

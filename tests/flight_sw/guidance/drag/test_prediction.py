@@ -180,7 +180,7 @@ def test_the_first_prediction_and_its_correction_are_the_twins() -> None:
     assert 2.0 * errors[0] - errors[1] == pytest.approx(wanted_m, abs=PATH_BAR_M)
     newton = wanted_m / ((beside - here) / apart)
     assert 0.01 < newton < 0.15
-    # 0.7 of it, docs/equations.md section 22; the difference of two paths is good to 1 %
+    # 0.7 of it, docs/laws/drag.md section 22; the difference of two paths is good to 1 %
     assert 2.0 * shifts[0] - shifts[1] == pytest.approx(0.7 * newton, rel=0.01)
 
 
