@@ -1,6 +1,6 @@
 """Slow twin of the adaptive laws, beside that of the laws they stand on (guidance_twin.py).
 
-[MOOIJ18] Eqs. 33-41 with one error and no reference model, and what docs/laws/heat_flux.md adds to it.
+[MOOIJ18] Eqs. 33-41 with one error and no reference model, and what docs/laws/heat_flux.md adds.
 The observer is integrated by itself, in small steps of its differential equation.
 """
 

@@ -1,6 +1,6 @@
 """Slow twin of the guidance laws: plain floats, written from the paper's equations.
 
-[MOOIJ18] Eqs. 7-23 and 28-32 with the corrections and the additions that docs/laws/heat_flux.md lists;
+[MOOIJ18] Eqs. 7-23 and 28-32 with the corrections and additions that docs/laws/heat_flux.md lists;
 exponential air, the Newtonian coefficients of the mission file, memory in a dictionary named as the
 law's state.
 """
