@@ -178,5 +178,5 @@ clean: ## remove .venv, build output and tool caches; runs/ and compiled kernels
 
 .PHONY: clean-kernels
 clean-kernels: setup ## remove the compiled kernels of every version of the sources
-	@$(BIN)/python -c 'from flight_sw import jit, kernel_cache; \
+	@$(BIN)/python -c 'from flight_sw.runtime import jit, kernel_cache; \
 	  kernel_cache.remove_all(jit.cache_root())'

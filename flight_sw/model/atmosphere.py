@@ -93,3 +93,15 @@ def sound_speed(atmosphere: Record, alt_m: float) -> float:
     squares = atmosphere["sound_speed_sq_m2ps2"]
     fraction = (alt - alts[i]) / (alts[i + 1] - alts[i])
     return math.sqrt(squares[i] + fraction * (squares[i + 1] - squares[i]))
+
+
+@kernel
+def sound_speed_slope(atmosphere: Record, alt_m: float) -> tuple[float, float]:
+    """Speed of sound in m/s and its slope over altitude in 1/s; held ends have no slope."""
+    speed_mps = sound_speed(atmosphere, alt_m)
+    if held_altitude(atmosphere, alt_m) != alt_m:
+        return speed_mps, 0.0
+    i = interval(atmosphere, alt_m)
+    alts = atmosphere["alt_m"]
+    squares = atmosphere["sound_speed_sq_m2ps2"]
+    return speed_mps, (squares[i + 1] - squares[i]) / (alts[i + 1] - alts[i]) / (2.0 * speed_mps)

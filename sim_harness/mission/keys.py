@@ -5,7 +5,6 @@ docs/missions.md is generated from these classes.
 
 from typing import Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from flight_sw import icd
@@ -13,13 +12,18 @@ from flight_sw.guidance.heat_flux import nominal
 from flight_sw.limits import AXIS_LIMITS
 from flight_sw.load_image import ATMOSPHERE_TABLE
 from flight_sw.model.atmosphere import KNOTS_MAX
-from flight_sw.model.onboard import AERO_TABLE, HEATING, PLANET, VEHICLE
-from sim_harness.mission.air_keys import AerodynamicDeviation, DensityDeviation
+from flight_sw.model.onboard import HEATING, PLANET, VEHICLE
+from sim_harness.mission.aero_keys import (
+    ConstantAerodynamics,
+    NewtonianAerodynamics,
+    PolynomialAerodynamics,
+    TableAerodynamics,
+)
+from sim_harness.mission.air_keys import DensityDeviation
 from sim_harness.mission.heating_factor import heating_factor
 from sim_harness.mission.quantities import (
     INF,
     Quantity,
-    Rows,
     Section,
     Series,
     Text,
@@ -31,12 +35,8 @@ from sim_harness.mission.quantities import (
     refusal,
     span_of,
 )
-from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 SOUND_SPEED_MPS = (10.0, 1e4)
-SAMPLED_ALPHA_DEG = np.linspace(-5.0, 90.0, 77)
-"""Angles of attack at which a load's table holds the coefficients of a formula: 1.25 deg apart, so
-that 20 and 45 deg are knots; 3e-5 off between them."""
 ALTITUDE_MAX_KM = in_unit(icd.signal_range("NAV_VERTICAL", "alt_m")[1], "km")
 SPEED_MAX_MPS = icd.signal_range("NAV_VERTICAL", "v_rel_mps")[1]
 TIME_MAX_S = icd.signal_range("NAV_TIME", "t_s")[1]
@@ -138,86 +138,6 @@ class TableAtmosphere(DensityDeviation):
         return self
 
 
-class ConstantAerodynamics(AerodynamicDeviation):
-    """The same coefficients at every angle of attack and Mach number."""
-
-    model: Literal["constant"]
-    lift_coefficient: Annotated[float, loaded(AERO_TABLE, "cl", "-", "C_L, negative: lift down")]
-    drag_coefficient: Annotated[float, loaded(AERO_TABLE, "cd", "-", "C_D")]
-
-
-class NewtonianAerodynamics(AerodynamicDeviation):
-    """C_N = n1 s^2 + n2 s c, C_A = a1 c^2 + a2 s^2; s, c = sin, cos of the angle of attack."""
-
-    model: Literal["newtonian"]
-    n1: Annotated[float, Quantity("-", -100.0, 100.0, "normal force, sin^2 term")]
-    n2: Annotated[float, Quantity("-", -100.0, 100.0, "normal force, sin cos term")]
-    a1: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, cos^2 term")]
-    a2: Annotated[float, Quantity("-", -100.0, 100.0, "axial force, sin^2 term")]
-
-    @model_validator(mode="after")
-    def drags(self) -> Self:
-        """The drag coefficient is not negative where the flight computer's table is sampled."""
-        alpha_rad = np.radians(SAMPLED_ALPHA_DEG)
-        s, c = np.sin(alpha_rad), np.cos(alpha_rad)
-        drag = (self.n1 * s * s + self.n2 * s * c) * s + (self.a1 * c * c + self.a2 * s * s) * c
-        if drag.min() < 0.0:
-            worst_deg = SAMPLED_ALPHA_DEG[drag.argmin()]
-            raise refusal(
-                f"gives C_D {drag.min():.3g} at an angle of attack of {worst_deg:g} deg, "
-                f"allowed 0 or more from {SAMPLED_ALPHA_DEG[0]:g} to {SAMPLED_ALPHA_DEG[-1]:g} deg"
-            )
-        return self
-
-
-def coefficient_rows(name: str, what: str) -> Series:
-    """A table of coefficients, one list per angle of attack."""
-    meaning = f"{what}: a list per angle of attack, a value per Mach number"
-    return Rows("-", *span_of(AERO_TABLE, name, "-"), meaning, AERO_TABLE_MAX)
-
-
-class TableAerodynamics(AerodynamicDeviation):
-    """Coefficients against angle of attack and Mach, bilinear, held at the edges."""
-
-    model: Literal["table"]
-    angle_of_attack_deg: Annotated[
-        tuple[float, ...],
-        Series(
-            "deg",
-            *span_of(AERO_TABLE, "alpha_rad", "deg"),
-            "of the rows",
-            AERO_TABLE_MAX,
-            ascending=True,
-        ),
-    ]
-    mach: Annotated[
-        tuple[float, ...],
-        Series(
-            "-",
-            *span_of(AERO_TABLE, "mach", "-"),
-            "of the columns",
-            AERO_TABLE_MAX,
-            ascending=True,
-        ),
-    ]
-    lift_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows("cl", "C_L")]
-    drag_coefficient: Annotated[tuple[tuple[float, ...], ...], coefficient_rows("cd", "C_D")]
-
-    @model_validator(mode="after")
-    def is_rectangular(self) -> Self:
-        """One row per angle of attack, one value per Mach number."""
-        wanted = (len(self.angle_of_attack_deg), len(self.mach))
-        for key in ("lift_coefficient", "drag_coefficient"):
-            rows = getattr(self, key)
-            if len(rows) != wanted[0] or any(len(row) != wanted[1] for row in rows):
-                lengths = sorted({len(row) for row in rows})
-                raise refusal(
-                    f".{key} has {len(rows)} rows of {lengths} values, "
-                    f"allowed {wanted[0]} rows of {wanted[1]}"
-                )
-        return self
-
-
 class Vehicle(Section):
     """Mass and aerodynamics."""
 
@@ -231,7 +151,7 @@ class Vehicle(Section):
         Quantity("-", 0.0, 1.0, "share of the lift's sideways part that acts; 0: stays in plane"),
     ] = 1.0
     aerodynamics: Annotated[
-        ConstantAerodynamics | NewtonianAerodynamics | TableAerodynamics,
+        ConstantAerodynamics | NewtonianAerodynamics | TableAerodynamics | PolynomialAerodynamics,
         Field(discriminator="model"),
     ]
 

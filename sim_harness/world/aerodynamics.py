@@ -5,10 +5,11 @@ Limits: tables are bilinear in angle of attack and Mach and hold their edge valu
 
 import math
 
+from flight_sw.model.onboard import POWERS_ALPHA, POWERS_MACH
 from flight_sw.model.tables import bracket
 from flight_sw.records.types_ import F8, Record
 from sim_harness.jit import kernel
-from sim_harness.world.records import AERO_CONSTANT, AERO_NEWTONIAN
+from sim_harness.world.records import AERO_CONSTANT, AERO_NEWTONIAN, AERO_POLYNOMIAL, AERO_TABLE
 
 
 @kernel
@@ -51,6 +52,24 @@ def table_areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, flo
 
 
 @kernel
+def powers_sum(powers: F8, alpha_rad: float, mach: float) -> float:
+    """Sum of powers[i, j] alpha^i Mach^j."""
+    total = 0.0
+    for i in range(POWERS_ALPHA - 1, -1, -1):
+        by_mach = 0.0
+        for j in range(POWERS_MACH - 1, -1, -1):
+            by_mach = by_mach * mach + powers[i, j]
+        total = total * alpha_rad + by_mach
+    return total
+
+
+@kernel
+def follows_mach(aero: Record) -> bool:
+    """Whether the coefficients of the model change with the Mach number."""
+    return aero["model"] == AERO_TABLE or aero["model"] == AERO_POLYNOMIAL
+
+
+@kernel
 def areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, float]:
     """C_L S and C_D S in m2 as the model has them; the lift coefficient may be negative."""
     area_m2 = aero["area_m2"]
@@ -62,6 +81,9 @@ def areas(aero: Record, alpha_rad: float, mach: float) -> tuple[float, float]:
         normal = area_m2 * (aero["n1"] * s * s + aero["n2"] * s * c)
         axial = area_m2 * (aero["a1"] * c * c + aero["a2"] * s * s)
         return normal * c - axial * s, normal * s + axial * c
+    if aero["model"] == AERO_POLYNOMIAL:
+        lift = area_m2 * powers_sum(aero["lift_powers"], alpha_rad, mach)
+        return lift, area_m2 * powers_sum(aero["drag_powers"], alpha_rad, mach)
     return table_areas(aero, alpha_rad, mach)
 
 

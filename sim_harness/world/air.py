@@ -13,9 +13,9 @@ import math
 from flight_sw.model.atmosphere import density, sound_speed
 from flight_sw.records.types_ import F8, Record
 from sim_harness.jit import kernel
-from sim_harness.world.aerodynamics import true_areas
+from sim_harness.world.aerodynamics import follows_mach, true_areas
 from sim_harness.world.heating import heat_flux
-from sim_harness.world.records import AERO_TABLE, AIR_CELLS
+from sim_harness.world.records import AIR_CELLS
 
 SPEED_MIN_MPS = 1e-6  # floor on speeds that divide: no effect above it
 
@@ -84,7 +84,7 @@ def aero_accelerations(
     aero = world["aerodynamics"]
     lift_area_m2 = held["lift_area_m2"]
     drag_area_m2 = held["drag_area_m2"]
-    if aero["model"] == AERO_TABLE:
+    if follows_mach(aero):
         mach = v_air_mps / sound_speed(world["atmosphere"], alt_m)
         lift_area_m2, drag_area_m2 = true_areas(aero, held["alpha_rad"], mach)
     pressure_per_mass = 0.5 * rho_kgpm3 * v_air_mps * v_air_mps / aero["mass_kg"]

@@ -9,12 +9,15 @@ import numpy as np
 
 from flight_sw.errors import MissionError
 from sim_harness.mission import documents
+from sim_harness.mission.aero_keys import (
+    ConstantAerodynamics,
+    NewtonianAerodynamics,
+    PolynomialAerodynamics,
+)
 from sim_harness.mission.keys import (
     Axis,
-    ConstantAerodynamics,
     ExponentialAtmosphere,
     Heating,
-    NewtonianAerodynamics,
     TableAtmosphere,
     Us76Atmosphere,
 )
@@ -83,6 +86,10 @@ def fill_aerodynamics(record: np.ndarray, mission: Mission) -> None:
         record["model"] = records.AERO_NEWTONIAN
         for key in ("n1", "n2", "a1", "a2"):
             record[key] = getattr(model, key)
+    elif isinstance(model, PolynomialAerodynamics):
+        record["model"] = records.AERO_POLYNOMIAL
+        for key in ("lift_powers", "drag_powers"):
+            record[key] = model.powers(key)
     else:
         record["model"] = records.AERO_TABLE
         rows, columns = len(model.angle_of_attack_deg), len(model.mach)

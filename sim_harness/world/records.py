@@ -4,12 +4,14 @@ import numpy as np
 
 from flight_sw.model.atmosphere import ATMOSPHERE
 from flight_sw.model.great_circle import GROUND_TRACK
+from flight_sw.model.onboard import POWERS_ALPHA, POWERS_MACH
 from sim_harness.mission.table_sizes import AERO_TABLE_MAX
 
 # Aerodynamic models; never renumbered.
 AERO_CONSTANT = 0
 AERO_NEWTONIAN = 1
 AERO_TABLE = 2
+AERO_POLYNOMIAL = 3
 
 # Outcomes of a flight; never renumbered.
 FLYING = 0
@@ -56,6 +58,8 @@ AERODYNAMICS = np.dtype(
         ("mach", "f8", (AERO_TABLE_MAX,)),
         ("lift_table", "f8", (AERO_TABLE_MAX, AERO_TABLE_MAX)),  # coefficients [alpha, Mach]
         ("drag_table", "f8", (AERO_TABLE_MAX, AERO_TABLE_MAX)),
+        ("lift_powers", "f8", (POWERS_ALPHA, POWERS_MACH)),  # AERO_POLYNOMIAL: alpha^i Mach^j
+        ("drag_powers", "f8", (POWERS_ALPHA, POWERS_MACH)),
     ],
     align=True,
 )

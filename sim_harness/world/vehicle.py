@@ -11,13 +11,12 @@ from flight_sw.model.great_circle import range_flown
 from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.world.actuators import follow, is_ideal
-from sim_harness.world.aerodynamics import true_areas
+from sim_harness.world.aerodynamics import follows_mach, true_areas
 from sim_harness.world.air import aero_accelerations, airspeed, true_density
 from sim_harness.world.heating import heat_flux
 from sim_harness.world.motion import step, wrapped
 from sim_harness.world.planet.gravity import haversine_m, jacobi_energy
 from sim_harness.world.records import (
-    AERO_TABLE,
     END_CONDITION,
     FLYING,
     GROUND,
@@ -42,7 +41,7 @@ def hold_areas(world: Record, held: Record, alpha_rad: float) -> None:
     """Fixes the angle of attack and, for models without Mach number, the areas that go with it."""
     aero = world["aerodynamics"]
     held["alpha_rad"] = alpha_rad
-    if aero["model"] != AERO_TABLE:
+    if not follows_mach(aero):
         held["lift_area_m2"], held["drag_area_m2"] = true_areas(aero, alpha_rad, 0.0)
 
 

@@ -37,7 +37,7 @@ ASK = """
 import sys
 sys.path.insert(0, sys.argv[1])
 sys.dont_write_bytecode = True
-from flight_sw import kernel_cache
+from flight_sw.runtime import kernel_cache
 told = []
 from laws.limit import limit
 with kernel_cache.on_compiling(lambda: told.append(1)):

@@ -1,5 +1,6 @@
 """Load images: what is refused, and in which words."""
 
+import dataclasses
 import re
 import zlib
 from collections.abc import Callable, Iterator
@@ -304,3 +305,32 @@ def test_a_body_is_checked_before_it_becomes_an_image() -> None:
     body["law"]["scale_height_m"] = np.nan
     with pytest.raises(LoadError, match=r"nominal\.load\.law\.scale_height_m is nan, allowed 100"):
         image_bytes("nominal", MISSION, body)
+
+
+@pytest.mark.parametrize(
+    ("message", "law", "is_used"),
+    [
+        ("NAV_TIME", "nominal", True),
+        ("FSW_COMMAND", "nominal", True),
+        ("TM_LQY", "lqy", True),
+        ("TM_LQY", "nominal", False),
+        ("TM_DRAG_A", "lqy", False),
+        ("TM_DRAG_A", "drag-state", True),
+    ],
+)
+def test_a_changed_message_refuses_the_loads_of_those_laws_that_use_it(
+    monkeypatch: pytest.MonkeyPatch, message: str, law: str, is_used: bool
+) -> None:
+    before, slot = layout_hash(law), icd.slot(message)
+
+    def told(**changes: Any) -> str:
+        changed = dataclasses.replace(icd.LAYOUT[slot], **changes)
+        monkeypatch.setattr(icd, "LAYOUT", (*icd.LAYOUT[:slot], changed, *icd.LAYOUT[slot + 1 :]))
+        return layout_hash(law)
+
+    signal = icd.LAYOUT[slot].signals[0]
+    others = icd.LAYOUT[slot].signals[1:]
+    finer = dataclasses.replace(signal, scale=signal.scale / 2.0)
+    said_otherwise = dataclasses.replace(signal, comment="in other words")
+    assert (told(signals=(finer, *others)) != before) == is_used
+    assert told(signals=(said_otherwise, *others), comment="also") == before

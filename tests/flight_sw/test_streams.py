@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 AT_ONCE_S = 5.0
-HEAD = "from flight_sw import program, streams\n"
+HEAD = "from flight_sw.runtime import program, streams\n"
 
 
 def ended(body: str, redirection: str, **environment: str) -> tuple[int, str, str]:

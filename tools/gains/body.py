@@ -12,11 +12,11 @@ from flight_sw.limits import UNLIMITED
 from flight_sw.load_image import body_spec
 from flight_sw.model.onboard import ALPHA_ROWS, MACH_ROWS
 from flight_sw.records.types_ import Record
-from sim_harness.mission.keys import SAMPLED_ALPHA_DEG
+from sim_harness.mission.aero_keys import SAMPLED_ALPHA_DEG
 from sim_harness.mission.mission import Mission
 from sim_harness.world.aerodynamics import areas
 from sim_harness.world.assembly import world_of
-from sim_harness.world.records import AERO_TABLE
+from sim_harness.world.records import AERO_POLYNOMIAL, AERO_TABLE
 from tools.gains.design import FAMILIES, Design
 from tools.gains.schema import Axis
 
@@ -35,6 +35,10 @@ class Filled(NamedTuple):
 def _aero_table(aero: Record, world: Record) -> None:
     """The mission's coefficients as the computer's table: on their own grid, or sampled."""
     truth = world["aerodynamics"]
+    if truth["model"] == AERO_POLYNOMIAL:
+        aero["is_polynomial"] = 1
+        aero["cl_powers"] = truth["lift_powers"].ravel()
+        aero["cd_powers"] = truth["drag_powers"].ravel()
     if truth["model"] == AERO_TABLE:
         alphas = np.array(truth["alpha_rad"][: truth["n_alpha"]])
         machs = np.array(truth["mach"][: truth["n_mach"]])
@@ -55,9 +59,10 @@ def _aero_table(aero: Record, world: Record) -> None:
     aero["cl"], aero["cd"] = lift.ravel(), drag.ravel()
 
 
-def _onboard(onboard: Record, world: Record) -> None:
+def fill_onboard(onboard: Record, world: Record) -> None:
+    """What the computer believes of planet and vehicle, from a world as it is modelled."""
     planet, heating = world["planet"], world["heating"]
-    for name in ("radius_m", "mu_m3ps2", "rotation_radps", "g0_mps2"):
+    for name in ("radius_m", "mu_m3ps2", "rotation_radps", "g0_mps2", "j2"):
         onboard["planet"][name] = planet[name]
     onboard["heating"]["coefficient"] = heating["factor_si"]
     onboard["heating"]["rho_exponent"] = heating["density_exponent"]
@@ -84,7 +89,7 @@ def _common(body: Record, law: str, design: Design, mission: Mission) -> None:
     body["dt_s"] = dt_s
     body["guidance_divider"] = timing.guidance_divider
     body["guidance_dt_s"] = dt_s * timing.guidance_divider
-    _onboard(body["onboard"], world)
+    fill_onboard(body["onboard"], world)
     body["atmosphere"] = world["atmosphere"]
     _axis(body["bank_limits"], design.limits.bank)
     _axis(body["alpha_limits"], design.limits.alpha)

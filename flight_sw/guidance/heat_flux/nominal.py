@@ -1,8 +1,9 @@
 """Nominal guidance: bank that keeps rho V^n constant, heat flux first, then load factor.
 
-Source: [MOOIJ18] Eqs. 9-23 with the corrections listed in docs/laws/heat_flux.md. Before the heat-flux
-peak bank and the first angle of attack are held; at the peak the second angle of attack is taken;
-tracking starts when the heat flux falls through its set point, or at the peak if that is lower.
+Source: [MOOIJ18] Eqs. 9-23 with the corrections listed in docs/laws/heat_flux.md. Before the
+heat-flux peak bank and the first angle of attack are held; at the peak the second angle of attack
+is taken; tracking starts when the heat flux falls through its set point, or at the peak if that is
+lower.
 
 Three things beside the source are off unless the design asks for them: forces scaled by what is
 sensed over what is modelled, a path-angle loop of its own, a floor under the heat-flux peak.

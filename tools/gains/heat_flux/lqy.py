@@ -1,8 +1,9 @@
 """Gains of the LQY inner loop: a linear-quadratic output regulator along the two path limits.
 
-Source: [MOOIJ18] Eqs. 28-30; the matrices are derived in docs/laws/heat_flux.md (the paper gives neither
-them nor the weights). At each speed the vehicle is put where it should be: on the heat-flux limit,
-or on the load limit where that is higher in the sky, at the path angle and bank that hold it there.
+Source: [MOOIJ18] Eqs. 28-30; the matrices are derived in docs/laws/heat_flux.md (the paper gives
+neither them nor the weights). At each speed the vehicle is put where it should be: on the heat-flux
+limit, or on the load limit where that is higher in the sky, at the path angle and bank that hold it
+there.
 """
 
 import math
