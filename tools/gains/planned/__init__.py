@@ -1,0 +1,3 @@
+"""x"""
+TABLES: dict = {}
+FILLERS: dict = {}
