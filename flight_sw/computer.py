@@ -12,7 +12,7 @@ import numpy.typing as npt
 from flight_sw import icd, modes
 from flight_sw.can.codec import pack
 from flight_sw.can.e2e import protect
-from flight_sw.guidance import law_module, law_step
+from flight_sw.guidance import law_coast, law_module, law_step
 from flight_sw.limits import LIMITER, limit
 from flight_sw.model.onboard import FORCES
 from flight_sw.reception import plausibility as gate
@@ -133,6 +133,8 @@ def _guide(load: Record, state: Record) -> None:
         out["bank_cmd_rad"] = load["modes"]["coast_bank_rad"]
         out["alpha_cmd_rad"] = load["modes"]["coast_alpha_rad"]
         out["tracking"] = 0
+        if mode == modes.COAST:
+            law_coast(load, state["law"], state["nav"], state["fix_valid"] == 1)
     elif mode == modes.ENTRY:
         if state["fix_valid"] == 0:
             out["status"] = status.NO_FIX

@@ -5,6 +5,9 @@ telemetry that is not formed from the beginning), and a kernel `step(load, state
 status`. The law a computer runs is chosen by the type of its load: `law_step` is resolved when the
 minor frame is compiled, so that a computer holds one law's code.
 
+A law that has work to do before it flies has a kernel `coast(load, state, nav, has_fix)` besides,
+which is called in every minor frame of COAST.
+
 What the ground designs for a family lies under the same name in tools/gains.
 """
 
@@ -73,5 +76,28 @@ def _law_step(load: Any, state: Any, nav: Any, out: Any) -> Any:
 
     def compiled(load: Record, state: Record, nav: Record, out: Record) -> int:
         return chosen(load, state, nav, out)
+
+    return compiled
+
+
+def law_coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+    """What the law does in a minor frame of COAST; most do nothing."""
+    coast = getattr(_law_of(load.dtype.names), "coast", None)
+    if coast is not None:
+        coast(load, state, nav, has_fix)
+
+
+@overload(law_coast)
+def _law_coast(load: Any, state: Any, nav: Any, has_fix: Any) -> Any:
+    chosen = getattr(_law_of(load.fields), "coast", None)
+    if chosen is None:
+
+        def nothing(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+            return None
+
+        return nothing
+
+    def compiled(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+        chosen(load, state, nav, has_fix)
 
     return compiled

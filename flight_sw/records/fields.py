@@ -18,7 +18,7 @@ class Field(NamedTuple):
     low: float = -UNBOUNDED
     high: float = UNBOUNDED
     why: str = ""
-    kind: str = "f8"
+    kind: str | np.dtype[np.void] = "f8"
     shape: tuple[int, ...] = ()
     rows: str = ""
     """Name of the field that counts the rows in use: they must be strictly ascending."""
