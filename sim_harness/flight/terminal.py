@@ -13,10 +13,11 @@ from flight_sw.model.great_circle import range_flown
 from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
 from sim_harness.world.motion import rates
+from sim_harness.world.planet.gravity import jacobi_energy
 from sim_harness.world.records import END_CONDITION
-from sim_harness.world.vehicle import is_low, is_slow, is_there
+from sim_harness.world.vehicle import is_low, is_slow, is_spent, is_there
 
-TRIGGERS = (("speed", is_slow), ("altitude", is_low), ("target", is_there))
+TRIGGERS = (("speed", is_slow), ("altitude", is_low), ("target", is_there), ("energy", is_spent))
 
 Vector = tuple[float, float, float]
 
@@ -102,6 +103,14 @@ def _rates(world: Record, truth: Record, state: State) -> tuple[float, ...]:
     )
 
 
+def energy_of(world: Record, state: State) -> float:
+    """Jacobi's energy, J/kg."""
+    planet = world["planet"]
+    radius_m = float(planet["radius_m"]) + state.alt_m
+    s, c = math.sin(state.lat_rad), math.cos(state.lat_rad)
+    return float(jacobi_energy(planet, radius_m, s, c, state.v_rel_mps))
+
+
 def time_past(world: Record, state: State, moving: tuple[float, ...]) -> float:
     """How long before a state the first of the end conditions was met; at most a minor frame."""
     end, radius_m = world["end"], float(world["planet"]["radius_m"])
@@ -111,10 +120,14 @@ def time_past(world: Record, state: State, moving: tuple[float, ...]) -> float:
         past_s = (state.v_rel_mps - end["speed_mps"]) / v_rate
     if alt_rate < 0.0 and state.alt_m <= end["alt_m"]:
         past_s = max(past_s, (state.alt_m - end["alt_m"]) / alt_rate)
+    before = _moved(state, -float(world["dt_s"]), moving)
+    spent = energy_of(world, state)
+    if spent <= end["energy_jpkg"] and energy_of(world, before) > spent:
+        lost = energy_of(world, before) - spent
+        past_s = max(past_s, (end["energy_jpkg"] - spent) / lost * world["dt_s"])
     if end["at_target"] == 1:
         track = end["ground_track"]
         here_m = range_flown(track, radius_m, state.lon_rad, state.lat_rad)
-        before = _moved(state, -float(world["dt_s"]), moving)
         gained_m = here_m - range_flown(track, radius_m, before.lon_rad, before.lat_rad)
         if here_m >= track["target_m"] and gained_m > 0.0:
             past_s = max(past_s, (here_m - track["target_m"]) / gained_m * world["dt_s"])

@@ -261,6 +261,10 @@ class End(Section):
     altitude_km: Annotated[
         float, Quantity("km", -INF, ALTITUDE_MAX_KM, "altitude at or below; -inf: never")
     ] = -INF
+    jacobi_energy_mjpkg: Annotated[
+        float,
+        Quantity("MJ/kg", -1e4, 1e4, "energy in the turning frame at or below; -1e4: never"),
+    ] = -1e4
     at_target: Annotated[
         str,
         Text(

@@ -53,6 +53,7 @@ def world_of(mission: Mission, seed: int = 0) -> np.ndarray:
     world["end"]["entry_alt_m"] = mission.entry.altitude_km * 1e3
     world["end"]["speed_mps"] = end.speed_mps
     world["end"]["alt_m"] = end.altitude_km * 1e3
+    world["end"]["energy_jpkg"] = end.jacobi_energy_mjpkg * 1e6
     world["end"]["time_max_s"] = end.time_max_s
     if end.at_target == "yes":
         world["end"]["at_target"] = 1

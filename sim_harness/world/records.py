@@ -91,6 +91,7 @@ END = np.dtype(
         ("speed_mps", "f8"),  # ends at or below; 0: never
         ("alt_m", "f8"),  # ends at or below; -inf: never
         ("time_max_s", "f8"),
+        ("energy_jpkg", "f8"),  # Jacobi's
         ("at_target", "i8"),  # 1: ends at the target's range as well
         (
             "ground_track",

@@ -147,6 +147,20 @@ def is_there(world: Record, truth: Record) -> bool:
 
 
 @kernel
+def is_spent(world: Record, truth: Record) -> bool:
+    """At or below the end's energy."""
+    return truth["jacobi_energy_jpkg"] <= world["end"]["energy_jpkg"]
+
+
+@kernel
+def has_met_end(world: Record, truth: Record) -> bool:
+    """Whether any part of the end condition is met."""
+    if is_slow(world, truth) or is_low(world, truth):
+        return True
+    return is_there(world, truth) or is_spent(world, truth)
+
+
+@kernel
 def ended(world: Record, truth: Record) -> int:
     """Outcome so far, records.FLYING while the flight goes on."""
     end = world["end"]
@@ -157,7 +171,7 @@ def ended(world: Record, truth: Record) -> int:
     heat = truth["heat_flux_wpm2"] + truth["heat_load_jpm2"]
     if not math.isfinite(place + v + direction + heat) or v < 0.0:
         return NUMERICAL
-    if is_slow(world, truth) or is_low(world, truth) or is_there(world, truth):
+    if has_met_end(world, truth):
         return END_CONDITION
     if alt <= 0.0:
         return GROUND

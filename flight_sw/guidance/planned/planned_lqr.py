@@ -142,10 +142,9 @@ def _write_on(load: Record, design: Record, state: Record) -> None:
             job["work"],
         )  # fmt: skip
         has_room = False
-        if code == GOING or code == ENDED:
-            has_room = add_row(
-                plan, load["onboard"]["planet"], job["path"]["x"], job["path"]["t_s"]
-            )
+        if code in (GOING, ENDED):
+            x, t_s = job["path"]["x"], job["path"]["t_s"]
+            has_room = add_row(plan, load["onboard"]["planet"], x, t_s)
         if code == GOING and has_room:
             continue
         if code == ENDED and has_room and is_sound(plan):

@@ -40,9 +40,7 @@ TRACKER = RecordSpec(
     Field("k_bank", -1e9, 1e9, "the same", shape=(GAIN_ROWS, N_STATES)),
     Field("k_integral_1ps", -1e3, 1e3, "of alpha, per rad s", shape=(GAIN_ROWS,)),
     Field("bank_rad", -math.pi, math.pi, "that the table was made for", shape=(GAIN_ROWS,)),
-    Field(
-        "path_axes", 0, 1, "1: errors along and across the heading, odd gains by sign", kind="u4"
-    ),
+    Field("path_axes", 0, 1, "1: errors along and across, odd gains by sign", kind="u4"),
     Field("odd_ratio_max", 0.0, 100.0, "bound on the scale of the odd gains"),
     Field("integral_of", 0, len(INTEGRALS) - 1, "INTEGRALS", kind="u4"),
     Field("feedback_from", -1e3, 1e3, "index from which errors are fed back"),
@@ -104,11 +102,8 @@ def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: floa
     error[RADIUS] = x[RADIUS] - planned[RADIUS]
     north = x[PHI] - planned[PHI]
     east = folded(x[LAMBDA] - planned[LAMBDA])
-    cos_psi, sin_psi, cos_phi = (
-        math.cos(planned[PSI]),
-        math.sin(planned[PSI]),
-        math.cos(planned[PHI]),
-    )
+    cos_psi, sin_psi = math.cos(planned[PSI]), math.sin(planned[PSI])
+    cos_phi = math.cos(planned[PHI])
     own["along_rad"] = north * cos_psi + east * cos_phi * sin_psi
     own["across_rad"] = east * cos_phi * cos_psi - north * sin_psi
     if design["path_axes"] == 1:
@@ -147,7 +142,7 @@ def correct(design: Record, own: Record, step_s: float) -> None:
     alpha = 0.0
     bank = 0.0
     for i in range(N_STATES):
-        is_lateral = i == PSI or i == ACROSS
+        is_lateral = i in (PSI, ACROSS)
         k_alpha = between(design["k_alpha"][:, i], row, share)
         k_bank = between(design["k_bank"][:, i], row, share)
         if is_lateral:

@@ -1,0 +1,89 @@
+"""The onboard planner flown on the ground: the same kernels, to the end, iteration by iteration."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.guidance.planned.plan import PLAN
+from flight_sw.model.motion import STATES
+from flight_sw.records.dictionary import NAV
+from flight_sw.records.types_ import Record
+from flight_sw.runtime.jit import kernel
+from sim_harness.mission.mission import Mission
+from sim_harness.world.assembly import truth_of
+
+Rows = npt.NDArray[np.void]
+FRAMES_MAX = 1_000_000
+
+
+class Planned(NamedTuple):
+    """What the planner came to."""
+
+    plan: Rows
+    """PLAN, shape (1,); without rows where nothing could be flown."""
+    job: Rows
+    """planner.JOB, shape (1,)."""
+    frames: int
+    """Minor frames that it took at the design's budget."""
+    stage: int
+    """planned_lqr.STAGES."""
+
+
+@kernel
+def _plan(loads: Any, states: Any, navs: Any) -> int:
+    """Minor frames of COAST until the job is over."""
+    state = states[0]
+    for frame in range(FRAMES_MAX):
+        planned_lqr.coast(loads[0], state, navs[0], True)
+        if state["stage"] in (planned_lqr.IN_FORCE, planned_lqr.FAILED):
+            return frame + 1
+    return FRAMES_MAX
+
+
+def fix_at_entry(mission: Mission) -> Rows:
+    """The entry state as a perfect navigation fix, shape (1,)."""
+    truth, nav = truth_of(mission)[0], np.zeros(1, NAV)
+    for name in NAV.names or ():
+        nav[name] = truth[name]
+    return nav
+
+
+def plan_offline(load: Rows, nav: Rows) -> Planned:
+    """The plan that a computer with this load makes from a fix; both have shape (1,)."""
+    state = np.zeros(1, planned_lqr.STATE.dtype)
+    frames = int(_plan(load, state, nav))
+    plan = np.zeros(1, PLAN)
+    if int(state["stage"][0]) == planned_lqr.IN_FORCE:
+        plan[0] = state["plans"][0, int(state["in_force"][0])]
+    return Planned(plan, state["job"].copy(), frames, int(state["stage"][0]))
+
+
+def iterations_of(job: Record) -> list[dict[str, float]]:
+    """What each iteration ended with, the first guess as number 0."""
+    last = int(job["iteration"])
+    if int(job["ending"]) != planner.CONVERGED and int(job["trials"]) > 0:
+        last -= 1
+    told = job["trace"][: last + 1]
+    return [
+        {
+            "iteration": i,
+            "target_error": float(row["target_error"]),
+            "excess": float(row["excess"]),
+            "step_ratio": float(row["step_ratio"]),
+            "latitude_deg": float(np.degrees(row["lat_rad"])),
+            "longitude_deg": float(np.degrees(row["lon_rad"])),
+            "bank_final_deg": float(np.degrees(row["bank_rad"])),
+            "heat_flux_max_kwpm2": float(row["heat_flux_max_wpm2"]) / 1e3,
+            "duration_s": float(row["t_s"]),
+        }
+        for i, row in enumerate(told)
+    ]
+
+
+def states_of(plan: Record) -> dict[str, npt.NDArray[np.float64]]:
+    """Columns of a plan by name, and its index."""
+    n = int(plan["n_rows"])
+    columns = {name: np.array(plan["state"][:n, i]) for i, name in enumerate(STATES)}
+    return {"index": np.array(plan["index"][:n]), **columns}
