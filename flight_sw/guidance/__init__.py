@@ -92,12 +92,12 @@ def _law_coast(load: Any, state: Any, nav: Any, has_fix: Any) -> Any:
     chosen = getattr(_law_of(load.fields), "coast", None)
     if chosen is None:
 
-        def nothing(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+        def nothing(load: Record, state: Record, nav: Record, has_fix: Any) -> None:
             return None
 
         return nothing
 
-    def compiled(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+    def compiled(load: Record, state: Record, nav: Record, has_fix: Any) -> None:
         chosen(load, state, nav, has_fix)
 
     return compiled
