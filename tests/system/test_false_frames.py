@@ -198,5 +198,5 @@ def test_where_none_is_believed_every_false_frame_is_refused_and_counted(law: st
         assert flight.accepted == NAV_FRAMES * flight.cycles + 1  # its own, and one request
         assert sum(flight.refused.values()) == flight.false
         assert set(flight.refused) == {
-            "REPEATED", "WRONG_SEQUENCE", "OUT_OF_RANGE", "IMPLAUSIBLE"
+            "REPEATED", "WRONG_SEQUENCE", "OUT_OF_RANGE", "IMPLAUSIBLE", "MISDIRECTED"
         }  # fmt: skip
