@@ -16,7 +16,7 @@ from flight_sw.runtime.identity import SOURCES
 ANNOUNCE_S = layout("FSW_BOOT").cycle_ms / 1e3
 COMPILING, READY, ARMED = 0, 1, 2
 FRESH_S = 5.0 * ANNOUNCE_S  # after so long without a word another computer has gone
-SURE = 2  # words of one number: a random frame with a right checksum is not said again
+SURE = 2  # words of one number: a random frame may be said again, but does not count on
 
 
 def boot_frames(number: int, image: LoadImage, state: int, counter: int) -> tuple[bytes, bytes]:
@@ -33,6 +33,7 @@ class Other:
 
     state: int
     heard_s: float
+    counter: int
     words: int = 1
 
 
@@ -66,8 +67,10 @@ class Announcer:
             return
         number, now_s = read.raw["computer"], time.monotonic()
         before = self.others.get(number)
-        words = before.words + 1 if before and now_s - before.heard_s < FRESH_S else 1
-        self.others[number] = Other(read.raw["state"], now_s, words)
+        words = 1
+        if before and now_s - before.heard_s < FRESH_S:
+            words = before.words + (read.counter != before.counter)
+        self.others[number] = Other(read.raw["state"], now_s, read.counter, words)
 
     def who_serves(self) -> int:
         """The number of another computer that is ready on this bus; 0 if there is none."""

@@ -210,6 +210,7 @@ class FlightComputer:
             "bus_down_s": round(self.bus_down_s(), 3),
             "false_ticks": int(executive["false_ticks"]),
             "incomplete_sets": int(state["incomplete_sets"]),
+            "candidates_believed": int(state["candidate"]["believed"]),
             "tx_refused": int(state["tx_refused"]),
             "mode": int(state["mode"]),
             "compile_s": round(self.compile_s, 3),

@@ -210,7 +210,8 @@ def _send_telemetry(load: Record, state: Record, ticked: bool, tx: Frames, n_tx:
             n_tx = _send(load, state, slots[i], tx, n_tx)
     due = state["cycle"] % wiring["health_divider"] == 0
     if due or ticked:
-        report_counters(state["rx"], state["incomplete_sets"], sent)
+        believed = state["candidate"]["believed"]
+        report_counters(state["rx"], state["incomplete_sets"], believed, sent)
         sent[TICKED] = 1 if ticked else 0
         for i in range(0 if due else len(HEALTH) - 1, len(HEALTH)):
             n_tx = _send(load, state, HEALTH[i], tx, n_tx)

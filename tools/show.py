@@ -161,8 +161,11 @@ def footnote(summary: dict[str, Any], folder: str) -> str:
         f"{name} beyond the bus and held {count:,} times; "
         for name, count in summary["navigation_held"].items()
     )
+    doubted = ""
+    if believed := summary["candidates_believed"]:
+        doubted = f"doubted navigation believed {believed:,} times; "
     return (
-        f"{held}{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
+        f"{held}{doubted}{summary['minor_frames']:,} minor frames on bus {summary['bus']}, "
         f"{summary['frames_rejected']} frames rejected; {_others(summary)}{timing}{pace}"
         f"{summary['speedup']:z,.0f} times real time; commands {summary['command_sha256'][:16]}; "
         f"{folder}"

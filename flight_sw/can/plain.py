@@ -16,10 +16,11 @@ BY_IDENTIFIER = {message.can_id: message for message in LAYOUT}
 
 
 class Read(NamedTuple):
-    """A frame whose checksum is right: its message and the raw values of its signals."""
+    """A frame whose checksum is right: its message, the raw values of its signals, its counter."""
 
     message: Message
     raw: dict[str, int]
+    counter: int
 
 
 def checksum(message: Message, word: int) -> int:
@@ -64,4 +65,5 @@ def read_plain(packet: bytes) -> Read | None:
         is_whole = signal.scale == 1.0 and not signal.signed
         if is_whole and not signal.low <= raw[signal.name] <= signal.high:
             return None
-    return None if spare else Read(message, raw)
+    counter = word >> COUNTER_BITS_AT & (COUNTER_VALUES - 1)
+    return None if spare else Read(message, raw, counter)

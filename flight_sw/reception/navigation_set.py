@@ -34,9 +34,7 @@ from flight_sw.reception.receiver import (
 from flight_sw.reception.requests import (
     PRESENT,
     REQUEST,
-    REQUEST_COMPUTER,
-    REQUEST_HARNESS,
-    is_meant,
+    is_misdirected,
     take_presence,
     take_request,
 )
@@ -82,14 +80,16 @@ def _copy_message(codec: Record, slot: int, source: F8, target: F8) -> None:
 def _receive_other(load: Record, state: Record, frame: Record, slot: int, verdict: int) -> None:
     """A frame that is not of the navigation set: a request, a harness's presence, or nothing."""
     rx = state["rx"]
-    received = state["received"]
-    if not is_valid(verdict):
+    if verdict in (REPEATED, WRONG_SEQUENCE):
+        unpack(load["codec"], slot, frame["data"], state["received"])
+    elif not is_valid(verdict):
         refuse(rx, verdict)
         return
-    if slot == REQUEST and not is_meant(
-        state, received[REQUEST_COMPUTER], received[REQUEST_HARNESS]
-    ):
+    if is_misdirected(state, slot):
         refuse(rx, MISDIRECTED)
+        return
+    if not is_valid(verdict):
+        refuse(rx, verdict)
         return
     accept(rx, slot, counter_of(frame["data"]), verdict)
     _copy_message(load["codec"], slot, state["received"], state["accepted"])

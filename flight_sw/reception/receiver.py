@@ -15,7 +15,7 @@ import numpy as np
 from flight_sw.can.codec import NO_SLOT, in_range, unpack
 from flight_sw.can.codec import OK as UNPACKED
 from flight_sw.can.e2e import counter_of, crc_ok
-from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, layout, value_index
+from flight_sw.icd import COUNTER_VALUES, N_MESSAGES, signal_range, value_index
 from flight_sw.records.dictionary import CAN_ID_MASK
 from flight_sw.records.types_ import F8, Record
 from flight_sw.runtime.jit import kernel
@@ -30,7 +30,7 @@ OUT_OF_RANGE = 6
 UNKNOWN_ID = 7
 IMPLAUSIBLE = 8  # the caller's verdict: no vehicle could have sent it
 FOREIGN = 9  # carries an identifier that only the receiver itself sends
-MISDIRECTED = 10  # the caller's verdict: a request that is meant for another, or not theirs to make
+MISDIRECTED = 10  # the caller's verdict: a harness's word that is meant for another, or not theirs
 VERDICTS = (
     "OK",
     "LOST",
@@ -68,6 +68,7 @@ HEALTH_WRONG_CRC = value_index("RX_HEALTH_A", "wrong_crc")
 HEALTH_REPEATED = value_index("RX_HEALTH_A", "repeated")
 HEALTH_WRONG_SEQUENCE = value_index("RX_HEALTH_A", "wrong_sequence")
 HEALTH_WRONG_LENGTH = value_index("RX_HEALTH_A", "wrong_length")
+HEALTH_BELIEVED = value_index("RX_HEALTH_A", "candidates_believed")
 HEALTH_OUT_OF_RANGE = value_index("RX_HEALTH_B", "out_of_range")
 HEALTH_IMPLAUSIBLE = value_index("RX_HEALTH_B", "implausible")
 HEALTH_UNKNOWN_ID = value_index("RX_HEALTH_B", "unknown_id")
@@ -77,11 +78,11 @@ HEALTH_FOREIGN = value_index("RX_HEALTH_C", "foreign")
 HEALTH_MISDIRECTED = value_index("RX_HEALTH_C", "misdirected")
 HEALTH_HEARD = value_index("RX_HEALTH_C", "heard")
 HEARD_MODULUS = 1 << 19  # of the frames heard, in RX_HEALTH_C
-REFUSED_MAX = int(layout("RX_HEALTH_A").signals[0].high)
-MISSED_MAX = int(layout("RX_HEALTH_C").signals[0].high)
-MISDIRECTED_MAX = int(
-    next(s.high for s in layout("RX_HEALTH_C").signals if s.name == "misdirected")
-)
+REFUSED_MAX = int(signal_range("RX_HEALTH_A", "wrong_crc")[1])
+WRONG_LENGTH_MAX = int(signal_range("RX_HEALTH_A", "wrong_length")[1])
+BELIEVED_MAX = int(signal_range("RX_HEALTH_A", "candidates_believed")[1])
+MISSED_MAX = int(signal_range("RX_HEALTH_C", "lost")[1])
+MISDIRECTED_MAX = int(signal_range("RX_HEALTH_C", "misdirected")[1])
 
 
 @kernel
@@ -193,13 +194,14 @@ def heard(rx_state: Record) -> np.int64:
 
 
 @kernel
-def report_counters(rx_state: Record, incomplete_sets: int, values: F8) -> None:
-    """The RX_HEALTH signals of a receiver; refusals stay at the most that their signal carries."""
+def report_counters(rx_state: Record, incomplete_sets: int, believed: int, values: F8) -> None:
+    """The RX_HEALTH signals of a receiver; counts stay at the most that their signal carries."""
     counted = rx_state["counted"]
     values[HEALTH_WRONG_CRC] = min(counted[WRONG_CRC], REFUSED_MAX)
     values[HEALTH_REPEATED] = min(counted[REPEATED], REFUSED_MAX)
     values[HEALTH_WRONG_SEQUENCE] = min(counted[WRONG_SEQUENCE], REFUSED_MAX)
-    values[HEALTH_WRONG_LENGTH] = min(counted[WRONG_LENGTH], REFUSED_MAX)
+    values[HEALTH_WRONG_LENGTH] = min(counted[WRONG_LENGTH], WRONG_LENGTH_MAX)
+    values[HEALTH_BELIEVED] = min(believed, BELIEVED_MAX)
     values[HEALTH_OUT_OF_RANGE] = min(counted[OUT_OF_RANGE], REFUSED_MAX)
     values[HEALTH_IMPLAUSIBLE] = min(counted[IMPLAUSIBLE], REFUSED_MAX)
     values[HEALTH_UNKNOWN_ID] = min(counted[UNKNOWN_ID], REFUSED_MAX)

@@ -1,7 +1,7 @@
 """Who may ask this computer for what: requests name it, and the harness that it flies with.
 
 A harness names its computer in HARNESS_PRESENT and in each GROUND_REQUEST. Once armed, a computer
-obeys the harness that armed it and no other.
+obeys the harness that armed it, and heeds the presence of no other.
 """
 
 from flight_sw import icd
@@ -25,6 +25,20 @@ def is_meant(state: Record, computer: float, harness: float) -> bool:
     if int(computer) != int(state["number"]):
         return False
     return state["armed"] == 0 or int(harness) == int(state["harness"])
+
+
+@kernel
+def is_misdirected(state: Record, slot: int) -> bool:
+    """Whether the request or presence just received is not for this computer, or not theirs.
+
+    Before it is armed any harness may say that it is here.
+    """
+    received = state["received"]
+    if slot == REQUEST:
+        return not is_meant(state, received[REQUEST_COMPUTER], received[REQUEST_HARNESS])
+    if slot == PRESENT and state["armed"] == 1:
+        return not is_meant(state, received[PRESENT_COMPUTER], received[PRESENT_HARNESS])
+    return False
 
 
 @kernel

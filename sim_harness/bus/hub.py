@@ -225,10 +225,10 @@ class Hub:
 
     def _turn_away(self, client: socket.socket, reason: int, who: str) -> None:
         """Tell a client why it is not taken, and whoever runs the hub that it was not."""
-        self._refused += 1
+        self._refused += 1  # counted and told by the time that the client knows
+        self._tell(f"unix:{self.path}: {who} was turned away")
         with client, contextlib.suppress(OSError):
             client.send(greeting(reason, CLIENTS_MAX), socket.MSG_NOSIGNAL)
-        self._tell(f"unix:{self.path}: {who} was turned away")
 
     def _close_gone(self) -> None:
         state = self._hub["client"][0]["state"]

@@ -1,6 +1,7 @@
 """A flight over a bus, in lockstep: each minor frame waits for the flight computer's answer."""
 
 import os
+import select
 import socket
 import threading
 import time
@@ -34,6 +35,7 @@ from sim_harness.flight.roles import LISTEN_S, Company, Presence, drain, listen
 SIGN_OF_LIFE_S = 10.0  # longest silence of a computer that boots; it announces every 0.1 s
 START_UP_S = 120.0  # before the first: a process of ours that imports on a machine with no time
 LISTEN_ONCE_S = 0.05
+HEARD_ONCE_MAX = 256  # packets between two looks at who is here
 HEAR_PAUSE_S = 0.02
 REST_S, REST_MAX_S = 0.005, 0.05  # for frames on their way at the end of a flight
 WAITING_TIMEOUT_S = 60.0  # of our own computer for us, should we end without ending it
@@ -110,23 +112,21 @@ class BusFlight:
         timeout_ns = int(run.plan.reply_timeout_s * 1e9)
         return int(fly_in_lockstep(run.harness, self.wire, run.logs, cycles, timeout_ns))
 
-    def _hear(self) -> bool:
-        """Take the next packet from the bus; False for silence."""
-        self.bus.settimeout(LISTEN_ONCE_S)
-        try:
-            packet = self.bus.recv(FRAME.itemsize)
-        except TimeoutError:
-            return False
-        except OSError as error:
-            raise FlightError(
-                f"bus {self.run.plan.bus} was lost before the flight began ({error.strerror})"
-            ) from error
-        finally:
-            self.bus.setblocking(False)
-        if not packet:
-            raise FlightError("the bus was closed before the flight began")
-        self.company.hear(packet)
-        return True
+    def _hear(self) -> None:
+        """Take what has come from the bus, after a moment's wait for it."""
+        select.select([self.bus], [], [], LISTEN_ONCE_S)
+        for _ in range(HEARD_ONCE_MAX):
+            try:
+                packet = self.bus.recv(FRAME.itemsize)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                raise FlightError(
+                    f"bus {self.run.plan.bus} was lost before the flight began ({error.strerror})"
+                ) from error
+            if not packet:
+                raise FlightError("the bus was closed before the flight began")
+            self.company.hear(packet)
 
     def _claim(self) -> None:
         """Say that the bus is this harness's, unless somebody is there already."""

@@ -381,6 +381,7 @@ def fly_memory(run: FlightRun, timed_every: int = TIMED_EVERY) -> None:
         "compile_s": round(run.compile_s, 3),
         "verdicts": verdicts(state["rx"]["counted"][0]),
         "incomplete_sets": int(state["incomplete_sets"][0]),
+        "candidates_believed": int(state["candidate"]["believed"][0]),
     }
     if timed_every > 0:
         run.computer["step_time_us"] = percentiles_us(step_time[0])

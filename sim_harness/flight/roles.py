@@ -14,11 +14,11 @@ import time
 from dataclasses import dataclass, field
 
 from flight_sw.announcer import ARMED, READY
-from flight_sw.can.plain import plain_frame, read_plain
+from flight_sw.can.plain import Read, plain_frame, read_plain
 from flight_sw.errors import FlightError
 from flight_sw.icd import value_index
 from flight_sw.reception.receiver import FOREIGN
-from flight_sw.records.dictionary import FRAME
+from flight_sw.records.dictionary import FRAME, RX_CAPACITY
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.identity import NOBODY, SOURCES, name_of
 from sim_harness.flight.port import FLYING_HERE, WAITING
@@ -26,8 +26,9 @@ from sim_harness.flight.slip_watch import SILENCE_MAX_S, SILENCE_MIN_S
 
 LISTEN_S = 0.25  # before the first word, and again before a computer is started or armed
 SAY_S = 0.05
+DRAIN_PAUSE_S = 0.005
 FRESH_S = 0.5  # who has said nothing for so long has gone
-SURE = 2  # words of one number: a random frame with a right checksum is not said again
+SURE = 2  # words of one number: a random frame may be said again, but does not count on
 NAVIGATION_SURE = 3  # time messages of a flight that is not ours
 FOREIGN_TOLD = value_index("RX_HEALTH_C", "foreign")
 
@@ -38,13 +39,17 @@ class Sighting:
 
     heard_s: float = 0.0
     words: int = 0
+    counter: int = 0
     raw: dict[str, int] = field(default_factory=dict)
 
-    def hear(self, raw: dict[str, int], now_s: float) -> None:
-        """Take one word; the first after a silence counts from the beginning."""
-        self.words = self.words + 1 if now_s - self.heard_s < FRESH_S else 1
-        self.heard_s = now_s
-        self.raw.update(raw)
+    def hear(self, read: Read, now_s: float) -> None:
+        """Take one message of a word; the first after a silence counts from the beginning."""
+        if now_s - self.heard_s >= FRESH_S:
+            self.words = 1
+        elif read.counter != self.counter:
+            self.words += 1
+        self.heard_s, self.counter = now_s, read.counter
+        self.raw.update(read.raw)
 
     def is_here(self, now_s: float) -> bool:
         """Whether it was heard often enough, and lately."""
@@ -72,9 +77,9 @@ class Company:
             return
         if read.message.name in ("FSW_BOOT", "FSW_LOAD"):
             sighting = self.computers.setdefault(read.raw["computer"], Sighting())
-            sighting.hear(read.raw, now_s)
+            sighting.hear(read, now_s)
         elif read.message.name == "HARNESS_PRESENT":
-            self.harnesses.setdefault(read.raw["harness"], Sighting()).hear(read.raw, now_s)
+            self.harnesses.setdefault(read.raw["harness"], Sighting()).hear(read, now_s)
         elif read.message.name == "NAV_TIME":
             self.sets += 1
 
@@ -194,11 +199,23 @@ def listen(bus: socket.socket, company: Company, seconds: float) -> None:
 
 
 def drain(bus: socket.socket) -> None:
-    """Drop what lies in the queue; of a bus that never rests, for a moment."""
-    end_s = time.monotonic() + LISTEN_S
+    """Drop what lies in the queue and what a hub has kept behind it.
+
+    Of a bus that never rests the last is dropped that came in a moment.
+    """
+    end_s, taken = time.monotonic() + LISTEN_S, 0
     with contextlib.suppress(OSError):
-        while bus.recv(FRAME.itemsize, socket.MSG_DONTWAIT) and time.monotonic() < end_s:
-            pass
+        while time.monotonic() < end_s:
+            try:
+                if not bus.recv(FRAME.itemsize, socket.MSG_DONTWAIT):
+                    return
+            except BlockingIOError:
+                if taken < RX_CAPACITY:
+                    return
+                taken = 0
+                time.sleep(DRAIN_PAUSE_S)  # a hub has more for us
+                continue
+            taken += 1
 
 
 class RoleWatch:

@@ -194,6 +194,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "bus": run.plan.bus,
         "navigation_held": held_values(harness["navigation"]),
         "synchronisation": run.plan.synchronisation,
+        "candidates_believed": int(run.computer.get("candidates_believed", 0)),
         "rejected_by_flight_computer": rejected(run.computer["verdicts"]) if reported else None,
         "other_harness": _number(port["other_harness"]),
         "other_computer": _number(port["other_computer"]),

@@ -119,6 +119,12 @@ def heard_of(frame: Record) -> np.int64:
 
 
 @kernel
+def ticked_of(frame: Record) -> np.int64:
+    """1 if a tick closed the cycle, as an RX_HEALTH_C tells."""
+    return np.int64((frame["data"] >> TICKED_AT) & TICKED_MASK)
+
+
+@kernel
 def _close(computers: Computers, script: Script) -> None:
     """Run the cycle that has just closed and queue its answers."""
     feeder = computers.feeders[0]
@@ -139,17 +145,22 @@ def _close(computers: Computers, script: Script) -> None:
 
 @kernel
 def _heard_ahead(computers: Computers, script: Script, row: int) -> np.int64:
-    """By how much the frames heard differ in the report at `row` and in the one at hand."""
+    """By how much the frames heard differ in the report at `row` and in the one at hand.
+
+    0 where only one of them tells of a tick: then that is to be found first.
+    """
     feeder = computers.feeders[0]
     reception = computers.load[0]["codec"]["can_id"][RECEPTION]
     for i in range(row, min(row + REPORT_ROWS, len(script.rows))):
         if script.kinds[i] != REPORT or script.rows[i]["frame"]["can_id"] != reception:
             continue
-        theirs = heard_of(script.rows[i]["frame"])
+        theirs = script.rows[i]["frame"]
         for k in range(feeder["matched"], feeder["queued"]):
             given = script.queue[k & QUEUE_MASK]
             if given["can_id"] == reception:
-                return (theirs - heard_of(given)) % HEARD_MODULUS
+                if ticked_of(theirs) != ticked_of(given):
+                    return np.int64(0)
+                return (heard_of(theirs) - heard_of(given)) % HEARD_MODULUS
         return np.int64(0)
     return np.int64(0)
 
@@ -182,7 +193,7 @@ def _match(computers: Computers, script: Script, row: int) -> bool:
         return False
     feeder["matched"] += 1
     if frame["can_id"] == computers.load[0]["codec"]["can_id"][RECEPTION]:
-        feeder["ticks_told"] += np.int64((frame["data"] >> TICKED_AT) & TICKED_MASK)
+        feeder["ticks_told"] += ticked_of(frame)
     if frame["can_id"] == computers.load[0]["codec"]["can_id"][STATUS]:
         feeder["cycles_matched"] += 1
         feeder["cycle"] = (frame["data"] >> CYCLE_AT) & CYCLE_MASK

@@ -78,11 +78,23 @@ def _is_ours(recording: Recording, rows: I8, message: str) -> npt.NDArray[np.boo
 
 def computer_of(recording: Recording) -> int:
     """The number of the computer that flew: what the first request of our harness names."""
-    told = recording.manifest_number(HARNESS_KEY, 0)
-    harness = ALONE if told is None else int(told)
     columns = _columns(recording, _rows_of(recording, REQUEST), REQUEST)
-    named = columns[BY_COMPUTER][columns[BY_HARNESS] == harness]
+    named = columns[BY_COMPUTER][columns[BY_HARNESS] == _harness_of(recording)]
     return int(named[0]) if len(named) else ALONE
+
+
+def asked_at(recording: Recording) -> int:
+    """The row of our harness's first request to the computer that flew; -1: there is none."""
+    rows = _rows_of(recording, REQUEST)
+    columns = _columns(recording, rows, REQUEST)
+    ours = columns[BY_HARNESS] == _harness_of(recording)
+    ours &= columns[BY_COMPUTER] == computer_of(recording)
+    return int(rows[ours][0]) if ours.any() else -1
+
+
+def _harness_of(recording: Recording) -> int:
+    told = recording.manifest_number(HARNESS_KEY, 0)
+    return ALONE if told is None else int(told)
 
 
 def _rows_of(recording: Recording, message: str) -> I8:

@@ -1,4 +1,4 @@
-"""Turns what the flight computer reports on the bus into events: changes of mode, tracking, fix."""
+"""Turns what the flight computer reports on the bus into events: mode, tracking, fix, doubt."""
 
 from typing import NamedTuple
 
@@ -24,6 +24,9 @@ WATCHED = {
 }
 """Signals whose changes are events, and what they are called."""
 
+COUNTED = {("RX_HEALTH_A", "candidates_believed"): "doubted navigation believed"}
+"""Counters whose rises are events of their own, and alarming; they begin at 0."""
+
 ALARMING = {("mode", "SAFE"), ("navigation fix", "off")}
 SWITCH = {0: "off", 1: "on"}
 
@@ -37,6 +40,7 @@ class Watch(NamedTuple):
     names: dict[int, str]
     is_event: bool
     """Every frame is an event, not only a change."""
+    is_count: bool
 
 
 def value_names(signal: Signal) -> dict[int, str]:
@@ -56,11 +60,14 @@ class Events:
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
         self._watches = [
-            Watch(slot, column, title, value_names(signal), message.cycle_ms == 0)
+            Watch(
+                slot, column, title, value_names(signal), message.cycle_ms == 0,
+                (message.name, signal.name) in COUNTED,
+            )
             for slot, message in enumerate(decoder.messages)
             for column, signal, title in _watched_in(message)
-        ]
-        self._last: dict[str, int] = {}
+        ]  # fmt: skip
+        self._last = {watch.title: 0 for watch in self._watches if watch.is_count}
 
     def lines(self, rows: Rows, slots: I8) -> list[LogLine]:
         """The events in these frames, in order of time."""
@@ -85,15 +92,17 @@ class Events:
             value = int(values[place])
             name = watch.names.get(value, str(value))
             was = "" if last is None else f", was {watch.names.get(last, str(last))}"
-            level = LogLevel.WARNING if (watch.title, name) in ALARMING else LogLevel.INFO
+            alarming = watch.is_count or (watch.title, name) in ALARMING
+            level = LogLevel.WARNING if alarming else LogLevel.INFO
             lines.append(LogLine(float(t_s[place]), level, f"{watch.title} {name}{was}"))
             last = None if watch.is_event else value
         return lines
 
 
 def _watched_in(message: Message) -> list[tuple[int, Signal, str]]:
+    titles = WATCHED | COUNTED
     return [
-        (column, signal, WATCHED[message.name, signal.name])
+        (column, signal, titles[message.name, signal.name])
         for column, signal in enumerate(message.signals)
-        if (message.name, signal.name) in WATCHED
+        if (message.name, signal.name) in titles
     ]

@@ -127,6 +127,15 @@ def test_the_announcer_hears_who_serves_the_bus_already(state: int, words: int, 
         assert announcer.who_serves() == found
 
 
+def test_the_announcer_takes_a_false_word_said_again_for_nobody() -> None:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with near, far:
+        announcer = Announcer(near, built("lqy").image, 5)
+        for _ in range(5):
+            announcer.hear(boot_frames(6, announcer.image, READY, 3)[0])
+        assert announcer.who_serves() == 0
+
+
 def computer(load: Path, bus: str) -> subprocess.Popen[str]:
     """`python -m flight_sw`."""
     return subprocess.Popen(

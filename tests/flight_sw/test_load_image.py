@@ -136,6 +136,17 @@ def test_a_header_field_that_is_wrong_is_named(field: str, value: Any, words: st
     assert re.fullmatch(rf"x\.load: .*{words}", refusal(sealed(built("lqy").raw, **{field: value})))
 
 
+@pytest.mark.parametrize("letter", ["m", "\u0436"])
+def test_a_mission_name_fills_its_field_to_the_last_byte_and_not_one_beyond(letter: str) -> None:
+    size = HEADER["mission"].itemsize
+    name = letter * (size // len(letter.encode()))
+    body = np.frombuffer(built("lqy").raw, body_spec("lqy").dtype, 1, HEADER.itemsize).copy()
+    assert parse_image(image_bytes("lqy", name, body), "").mission == name
+    words = f"mission name '{name}m' has {size + 1} bytes, a load's has at most {size}"
+    with pytest.raises(LoadError, match=words):
+        image_bytes("lqy", name + "m", body)
+
+
 def test_an_image_of_one_law_does_not_pass_for_another() -> None:
     assert "layout is" in refusal(sealed(built("nominal").raw, law=b"lqy"))
     assert layout_hash("nominal") != layout_hash("lqy")

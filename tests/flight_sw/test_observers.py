@@ -279,6 +279,31 @@ def test_a_damaged_design_is_refused(field: str, value: float, complaint: str) -
         DESIGN.check(design[0], "observer")
 
 
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize(
+    "field",
+    [
+        "value_from_measured",
+        "value_from_newest",
+        "rate_from_measured_1ps",
+        "rate_from_newest_1ps",
+    ],
+)
+def test_a_measurement_counts_as_much_at_the_end_of_a_period_as_at_its_beginning(
+    hold: Any, field: str
+) -> None:
+    """Each input alone unbalances a design, and the other takes it up."""
+    design = Watch(Observer(eps_s=0.3, l1=2.0, l2=1.0, hold=hold), 0.1).design
+    DESIGN.check(design[0], "observer")
+    design[field] += 0.25
+    with pytest.raises(LoadError, match="do not balance"):
+        DESIGN.check(design[0], "observer")
+    pairs = {"measured": "newest", "newest": "measured"}
+    (this,) = (word for word in pairs if word in field)
+    design[field.replace(this, pairs[this])] -= 0.25
+    DESIGN.check(design[0], "observer")
+
+
 def balanced(transition: np.ndarray) -> Any:
     """A design with this transition, which a constant measurement leaves at rest."""
     design = np.zeros(1, DESIGN.dtype)

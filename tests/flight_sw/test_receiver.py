@@ -253,7 +253,7 @@ def test_the_health_signals_carry_the_counters_and_stop_at_their_top(rx: np.ndar
     for verdict in range(receiver.N_VERDICTS):
         rx["counted"][0, verdict] = 100 + verdict
     rx["lost_frames"] = 70_000
-    report_counters(rx[0], 9_000, values)
+    report_counters(rx[0], 9_000, 12, values)
     names = {
         "RX_HEALTH_A": ("wrong_crc", "repeated", "wrong_sequence", "wrong_length"),
         "RX_HEALTH_B": ("out_of_range", "implausible", "unknown_id"),
@@ -264,15 +264,17 @@ def test_the_health_signals_carry_the_counters_and_stop_at_their_top(rx: np.ndar
             wanted = 100 + receiver.VERDICTS.index(signal.upper())
             assert values[icd.value_index(message, signal)] == wanted
     assert values[icd.value_index("RX_HEALTH_B", "incomplete_sets")] == 8191
+    assert values[icd.value_index("RX_HEALTH_A", "candidates_believed")] == 12
     assert values[icd.value_index("RX_HEALTH_C", "lost")] == 8191
     assert values[icd.value_index("RX_HEALTH_C", "misdirected")] == 63
     heard = sum(100 + verdict for verdict in range(receiver.N_VERDICTS))
     assert values[icd.value_index("RX_HEALTH_C", "heard")] == heard
     rx["counted"][0, receiver.OK] += 524_288  # what 19 bits carry
-    report_counters(rx[0], 0, values)
+    report_counters(rx[0], 0, 1_000, values)
     assert values[icd.value_index("RX_HEALTH_C", "heard")] == heard
     rx["counted"] = 1 << 40
-    report_counters(rx[0], 0, values)
+    report_counters(rx[0], 0, 1_000, values)
+    assert values[icd.value_index("RX_HEALTH_A", "candidates_believed")] == 63
     for message in names:
         for signal in icd.layout(message).signals:
             assert values[icd.value_index(message, signal.name)] <= signal.high

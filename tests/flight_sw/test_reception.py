@@ -10,7 +10,15 @@ from flight_sw.can.codec import pack, unpack
 from flight_sw.can.e2e import counter_of, protect
 from flight_sw.reception.candidate import GAP_MAX_CYCLES
 from flight_sw.records.dictionary import FRAME, TICK_ID
-from tests.system.flights import NAV_FRAMES, Computer, Frames, Recorded, commands, recorded
+from tests.system.flights import (
+    NAV_FRAMES,
+    Computer,
+    Frames,
+    Recorded,
+    cantools_values,
+    commands,
+    recorded,
+)
 
 CYCLES = 120
 AGREEING_CYCLES = 25  # 0.5 s of hyperion-1's design
@@ -173,6 +181,9 @@ def test_sets_that_agree_are_believed_after_the_stated_number_and_not_before(
     computer.feed(np.array(shifted(flight, range(START, START + n), alt_m=5e3), FRAME))
     assert computer.state["candidate"]["believed"][0] == believed
     assert computer.state["fix_valid"][0] == believed
+    answers = computer.feed(np.array(shifted(flight, range(START + n, CYCLES), alt_m=5e3), FRAME))
+    told = [one["candidates_believed"] for one in cantools_values(answers, "RX_HEALTH_A")]
+    assert told == [1]  # one report in what is left, by then believed in either case
 
 
 def test_one_true_set_between_ends_a_candidate(flight: Recorded) -> None:

@@ -71,3 +71,29 @@ def test_before_it_is_armed_a_computer_goes_over_to_whoever_names_it(lqy_flight:
     computer.feed(request(made, ARM, harness=8))
     computer.feed(presence(made, ALONE, harness=7, counter=4))
     assert (computer.state["harness"][0], computer.state["armed"][0]) == (8, 1)
+
+
+@pytest.mark.parametrize("counter", range(16))
+@pytest.mark.parametrize(
+    ("computer_of_theirs", "harness"), [(ALONE, 7), (ALONE + 1, 8), (ALONE + 1, 7), (0, 7)]
+)
+def test_once_armed_the_presence_of_another_is_refused_and_moves_no_sequence(
+    lqy_flight: Recorded, computer_of_theirs: int, harness: int, counter: int
+) -> None:
+    made = lqy_flight.made
+    computer = Computer(made, armed=False)
+    computer.feed(request(made, ARM, harness=8))
+    computer.feed(presence(made, ALONE, 8, counter=3))
+    computer.feed(presence(made, computer_of_theirs, harness, counter))
+    assert computer.counted == {"OK": 2, "MISDIRECTED": 1}
+    computer.feed(presence(made, ALONE, 8, counter=4))  # the next of ours is in sequence
+    assert computer.counted == {"OK": 3, "MISDIRECTED": 1}
+    assert computer.state["harness"][0] == 8
+
+
+def test_our_own_repeated_word_is_repeated_not_misdirected(lqy_flight: Recorded) -> None:
+    made = lqy_flight.made
+    computer = Computer(made, armed=False)
+    for frames in (request(made, ARM, harness=8), presence(made, ALONE, 8)) * 2:
+        computer.feed(frames)
+    assert computer.counted == {"OK": 2, "REPEATED": 2}

@@ -55,6 +55,18 @@ def test_every_request_of_the_ground_is_an_event(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("step", [1, 100])
+def test_each_doubt_that_ended_in_belief_is_a_warning_and_none_is_no_event(
+    tmp_path: Path, step: int
+) -> None:
+    counts = [0, 0, 1, 1, 3]
+    rows = one_message("RX_HEALTH_A", [{"candidates_believed": n} for n in counts])
+    assert log_of(tmp_path / "a.mcap", rows, step) == [
+        (2, WARNING, "doubted navigation believed 1, was 0"),
+        (4, WARNING, "doubted navigation believed 3, was 1"),
+    ]
+
+
 def test_a_spoilt_report_is_no_event(tmp_path: Path) -> None:
     rows = one_message("FSW_STATUS", [{"mode": 1}, {"mode": 4}, {"mode": 1}])
     rows["frame"]["data"][1] ^= np.uint64(1 << 60)

@@ -57,6 +57,42 @@ def test_a_bus_of_ones_own_is_not_refused() -> None:
     assert heard.other_sources(7) == ""
 
 
+def test_the_same_false_announcement_said_again_is_nobody() -> None:
+    heard = company()
+    hear_computer(heard, 7)
+    boot = {"computer": 9, "state": ARMED, "law": LAW, "sources": SOURCES}
+    for _ in range(5):
+        heard.hear(plain_frame("FSW_BOOT", boot, 3))
+        raw = {"harness": 8, "computer": 7, "state": FLYING_HERE}
+        heard.hear(plain_frame("HARNESS_PRESENT", raw, 3))
+    heard.check_computers(most=1)
+    heard.check_harnesses(claimed=False)
+    assert heard.ready() == 7
+
+
+class LateHub:
+    """A reader's end whose queue is full, and is filled again after a moment."""
+
+    def __init__(self, queues: list[int]) -> None:
+        self.queues = queues
+
+    def recv(self, size: int, flags: int) -> bytes:
+        """One packet of the queue; nothing while the hub has not brought the next."""
+        if self.queues and self.queues[0] == 0:
+            self.queues.pop(0)
+            raise BlockingIOError
+        if not self.queues:
+            raise BlockingIOError
+        self.queues[0] -= 1
+        return bytes(size)
+
+
+def test_all_that_a_hub_has_kept_for_a_late_reader_is_dropped() -> None:
+    near = LateHub([278, 278, 278, 9])
+    roles.drain(near)  # type: ignore[arg-type]
+    assert near.queues == []
+
+
 @pytest.mark.parametrize("claimed", [False, True])
 @pytest.mark.parametrize("number", [OURS - 1, OURS + 1])
 def test_a_harness_that_flies_stays_whatever_its_number(claimed: bool, number: int) -> None:

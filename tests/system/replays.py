@@ -54,6 +54,18 @@ class Bench:
         self._cycle = 0
         self.see(request(self.made, ARM))
 
+    def begin_anew(self) -> None:
+        """A computer that was asked for nothing yet, and an empty log."""
+        self.computer = Computer(self.made, armed=False)
+        self._logged.clear()
+
+    def overtaken_cycle(self, frames: Frames, later: Frames) -> None:
+        """Frames that close a cycle; before its answer others are logged that are heard later."""
+        answers = self.computer.feed(frames)
+        self.log(np.concatenate([frames, later, answers]))
+        self.log(self.computer.feed(later))
+        self._cycle += 1
+
     def see(self, frames: Frames) -> None:
         """Frames on the bus that the computer hears."""
         self.log(frames)

@@ -73,6 +73,20 @@ def test_ticks_are_found_wherever_they_fell(tmp_path: Path, ticks: int, before: 
     assert found.cycles == 40 + 3 * ticks
 
 
+@pytest.mark.parametrize("late", range(47, 54))
+def test_a_tick_is_found_in_a_cycle_whose_report_is_due_anyway(tmp_path: Path, late: int) -> None:
+    for before in range(7):
+        bench = Bench("lqy", 70, "minute")
+        for cycle in range(70):
+            if cycle == late:
+                bench.late_cycle(1, before)
+            else:
+                bench.cycle()
+        found = replay(record(bench.made, bench.rows, tmp_path / f"{before}.mcap"))
+        assert found.is_identical, (before, found.difference)
+        assert (len(found.ticks), found.reports, found.cycles) == (1, 0, 71)
+
+
 def test_lockstep_has_no_ticks_to_explain_an_answer_with(tmp_path: Path) -> None:
     bench = Bench("lqy", 12)
     for _ in range(10):

@@ -158,7 +158,7 @@ def test_who_appears_in_flight_is_warned_of_and_told(tmp_path: Path) -> None:
     told = summary_of(run)
     assert (told["other_harness"], told["other_computer"]) == ("0x54321", "0x12345")
     assert told["rejected_by_harness"]["FOREIGN"] == 2
-    assert told["rejected_by_flight_computer"]["MISDIRECTED"] == 1
+    assert told["rejected_by_flight_computer"]["MISDIRECTED"] == 2  # both words
 
 
 @pytest.mark.parametrize("allowed", [False, True])

@@ -191,6 +191,10 @@ def test_provenance_tells_inputs_and_the_image(folder: Path) -> None:
         (lambda f: provenance_path(f, "lqy").write_text("{"), ["lqy.json: missing or not JSON"]),
         (lambda f: provenance_path(f, "lqy").write_text("[1]"), ["lqy.json: missing or not JSON"]),
         (
+            lambda f: provenance_path(f, "lqy").write_text("[" * 100_000),
+            ["lqy.json: missing or not JSON"],
+        ),
+        (
             lambda f: image_path(f, "lqy").write_bytes(image_path(f, "nominal").read_bytes()),
             ["lqy.load: ", "lqy.json: differs in load_crc32, body_crc32"],
         ),

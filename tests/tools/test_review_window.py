@@ -82,6 +82,7 @@ def test_the_plot_of_refusals_shows_no_frame_that_was_heard(
     assert counters == {
         "wrong_crc", "repeated", "wrong_sequence", "wrong_length", "out_of_range", "implausible",
         "misdirected", "unknown_id", "incomplete_sets", "lost", "foreign",
+        "candidates_believed",
     }  # fmt: skip
     assert layout["/bus/refused"]["ScalarAxis:range"][1] < 2.0  # none was refused
 

@@ -4,7 +4,6 @@ Linear algebra and the C library differ in last bits between processors. What a 
 comes out so much apart, and where it is stored rounded it may fall to the neighbouring number.
 """
 
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from flight_sw.errors import LoadError
 from flight_sw.load_image import parse_image
+from sim_harness.mission.documents import json_of, read_json
 from tools.gains.image import (
     Made,
     body_crc32,
@@ -126,12 +126,12 @@ def _provenance_differences(path: Path, raw: bytes, made: Made) -> list[str]:
     Its CRCs are those of the stored image, whatever that differs in.
     """
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        before = read_json(path, LoadError)
+    except LoadError:
         before = None
     if not isinstance(before, dict):
         return [f"{path}: missing or not JSON"]
-    ours = json.loads(provenance_text(made.provenance))
+    ours = json_of(provenance_text(made.provenance).encode())
     for key in CRC_KEYS:
         ours[key] = _crcs_of(raw).get(key, before.get(key))
     keys = [

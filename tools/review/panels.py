@@ -14,7 +14,7 @@ TELEMETRY_PREFIX = "TM_"
 HEALTH_PREFIX = "RX_HEALTH_"
 TIMING = "FSW_TIMING"
 PROTECTION = ("e2e_crc", "e2e_counter")
-NO_REFUSAL = ("heard", "ticked")  # of RX_HEALTH_C: what was judged, and who closed the cycle
+NO_REFUSAL = ("heard", "ticked")  # what was judged, and who closed the cycle
 
 
 class Line(NamedTuple):
@@ -136,7 +136,7 @@ def bus_panels(messages: Sequence[Message]) -> list[Panel]:
         Panel(BUS, "bus/load", "Worst-case bus load, %", PURE, (Line("load", "bus_load"),)),
     ]
     if refused:
-        title = "Frames refused or missed by the flight computer, count"
+        title = "Frames refused or missed by the flight computer, and believed after all, count"
         panels.append(Panel(BUS, "bus/refused", title, PURE, tuple(refused)))
     for message in messages:
         if message.name == TIMING:
