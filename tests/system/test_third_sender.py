@@ -108,7 +108,7 @@ def test_a_flight_among_false_frames_replays_to_the_bit(
     assert found.is_identical, found
     assert found.cycles >= seconds / 0.02 * 0.9
     assert found.unanswered == 0
-    assert found.reports == 0, "the computer heard other frames than the ear"
+    assert found.reports == 0, "the computer heard other frames than we"
     assert len(found.ticks) == run.computer["ticks"]
     assert sender.sent > 300
     strange = ~np.isin(recording.bus["frame"]["can_id"], list(HARNESS_IDS))

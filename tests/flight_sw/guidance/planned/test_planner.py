@@ -1,0 +1,100 @@
+"""Plans of the shipped vehicle: [JOSHI]'s five cases, and from every latitude between."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.load_image import activate, read_image
+from flight_sw.model.motion import LAMBDA, PHI
+from sim_harness.mission.mission import GAINS
+from sim_harness.world.missions import load_mission
+from tools.gains.planned.offline import Planned, fix_at_entry, iterations_of, plan_offline
+
+pytestmark = pytest.mark.jit_only
+
+CASES_DEG = (20.0, 15.0, 0.0, -10.0, -15.0)  # [JOSHI] Table 1
+LATITUDES_DEG = np.arange(-17.5, 27.6, 2.5)
+TARGET_DEG = (-16.0, 64.7)
+
+
+@functools.cache
+def load() -> np.ndarray:
+    return activate(read_image(GAINS / "rlv" / "planned-lqr.load"))
+
+
+def planned(latitude_deg: float, **design: float) -> Planned:
+    mission = load_mission("rlv", {"entry.latitude_deg": latitude_deg})
+    changed = load().copy()
+    for name, value in design.items():
+        changed["law"]["planner"][name] = value
+    return plan_offline(changed, fix_at_entry(mission))
+
+
+@pytest.mark.parametrize("latitude_deg", [*CASES_DEG, *LATITUDES_DEG])
+def test_a_plan_ends_at_the_target_within_ten_iterations(latitude_deg: float) -> None:
+    found = planned(latitude_deg)
+    assert found.stage == planned_lqr.IN_FORCE
+    plan = found.plan[0]
+    assert planner.ENDINGS[plan["ending"]] == "converged"
+    assert plan["iterations"] <= 10
+    assert plan["target_error"] < 1.0
+    assert plan["excess"] <= 100.0
+    end = plan["state"][plan["n_rows"] - 1]
+    assert math.degrees(end[PHI]) == pytest.approx(TARGET_DEG[0], abs=0.01)
+    assert math.degrees(end[LAMBDA]) == pytest.approx(TARGET_DEG[1], abs=0.01)
+
+
+def test_the_form_of_the_source_does_not_converge_in_ten_iterations() -> None:
+    for latitude_deg in CASES_DEG:
+        found = planned(latitude_deg, literal=1)
+        assert int(found.job["ending"][0]) != planner.CONVERGED
+        errors = [row["target_error"] for row in iterations_of(found.job[0])]
+        assert errors == sorted(errors, reverse=True)  # but never worse than what it began with
+
+
+def test_the_mirror_image_is_planned_with_the_bank_mirrored() -> None:
+    """Without rotation and with entry, heading and target mirrored north to south."""
+    right, left = (load().copy() for _ in range(2))
+    mission = load_mission("rlv")
+    there, back = fix_at_entry(mission), fix_at_entry(mission)
+    for changed in (right, left):
+        changed["onboard"]["planet"]["rotation_radps"] = 0.0
+    back["lat_rad"] = -there["lat_rad"]
+    back["heading_rad"] = math.pi - there["heading_rad"]
+    left["law"]["planner"]["target_lat_rad"] *= -1.0
+    left["law"]["stored"]["profile"]["bank_rad"] *= -1.0
+    one, other = plan_offline(right, there), plan_offline(left, back)
+    assert planner.ENDINGS[one.plan["ending"][0]] == "converged"
+    banks = [found.plan["profile"]["bank_rad"][0] for found in (one, other)]
+    assert banks[0] == pytest.approx(-banks[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("steps_a_frame", [1, 50])
+def test_the_budget_of_a_frame_makes_no_difference_to_the_plan(steps_a_frame: int) -> None:
+    usual, other = planned(0.0), planned(0.0, steps_a_frame=steps_a_frame)
+    assert other.plan.tobytes() == usual.plan.tobytes()
+    assert other.frames != usual.frames
+
+
+def test_a_plan_takes_at_most_fifteen_seconds_of_coast() -> None:
+    dt_s = float(load()["dt_s"][0])
+    assert max(planned(latitude).frames for latitude in CASES_DEG) * dt_s <= 15.0
+
+
+def test_from_a_state_that_cannot_be_flown_nothing_is_planned() -> None:
+    fix = fix_at_entry(load_mission("rlv"))
+    fix["v_rel_mps"] = np.nan
+    found = plan_offline(load().copy(), fix)
+    assert found.stage == planned_lqr.FAILED
+    assert int(found.plan["n_rows"][0]) == 0
+
+
+def test_a_target_out_of_reach_leaves_the_best_that_was_found() -> None:
+    found = planned(0.0, target_lon_rad=math.radians(170.0))
+    assert found.stage == planned_lqr.IN_FORCE
+    assert planner.ENDINGS[found.plan["ending"][0]] != "converged"
+    first, *_, last = iterations_of(found.job[0])
+    assert last["target_error"] < first["target_error"]
