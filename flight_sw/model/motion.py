@@ -39,10 +39,10 @@ MOTION = np.dtype(
         ("forces", FORCE_SLOPES.dtype),
         ("up_mps2", "f8"),  # gravity and centrifugal acceleration together
         ("north_mps2", "f8"),
-        ("up_by_radius", "f8"),
-        ("up_by_phi", "f8"),
-        ("north_by_radius", "f8"),
-        ("north_by_phi", "f8"),
+        ("up_by_radius_1ps2", "f8"),
+        ("up_by_phi_mps2prad", "f8"),
+        ("north_by_radius_1ps2", "f8"),
+        ("north_by_phi_mps2prad", "f8"),
     ],
     align=True,
 )
@@ -55,6 +55,12 @@ def away_from_zero(x: float, floor: float) -> float:
     if x >= 0.0:
         return max(x, floor)
     return min(x, -floor)
+
+
+@kernel
+def nearest_turn(angle_rad: float) -> float:
+    """The same direction between -pi and pi."""
+    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
 
 
 @kernel
@@ -117,11 +123,13 @@ def _pull_partials(planet: Record, x: F8, out: Record) -> None:
     oblate = planet["j2"] * ratio * ratio
     bulge = 3.0 * sin_phi * sin_phi - 1.0
     both = sin_phi * cos_phi
-    out["up_by_radius"] = spin_sq * cos_phi * cos_phi + central / r * (2.0 - 6.0 * oblate * bulge)
-    out["north_by_radius"] = (12.0 * central / r * oblate - spin_sq) * both
-    out["up_by_phi"] = (9.0 * central * oblate - 2.0 * spin_sq * r) * both
+    out["up_by_radius_1ps2"] = spin_sq * cos_phi * cos_phi + central / r * (
+        2.0 - 6.0 * oblate * bulge
+    )
+    out["north_by_radius_1ps2"] = (12.0 * central / r * oblate - spin_sq) * both
+    out["up_by_phi_mps2prad"] = (9.0 * central * oblate - 2.0 * spin_sq * r) * both
     cos_twice = cos_phi * cos_phi - sin_phi * sin_phi
-    out["north_by_phi"] = -(spin_sq * r + 3.0 * central * oblate) * cos_twice
+    out["north_by_phi_mps2prad"] = -(spin_sq * r + 3.0 * central * oblate) * cos_twice
 
 
 @kernel
@@ -132,13 +140,15 @@ def _speed_partials(x: F8, out: Record) -> None:
     forces = out["forces"]
     a = out["by_state"]
     ahead = cos_gamma * cos_psi
-    a[V, V] = -forces["drag_by_v"]
+    a[V, V] = -forces["drag_by_v_1ps"]
     a[V, GAMMA] = out["up_mps2"] * cos_gamma - out["north_mps2"] * sin_gamma * cos_psi
     a[V, PSI] = -out["north_mps2"] * cos_gamma * sin_psi
     a[V, RADIUS] = (
-        out["up_by_radius"] * sin_gamma + out["north_by_radius"] * ahead - forces["drag_by_alt"]
+        out["up_by_radius_1ps2"] * sin_gamma
+        + out["north_by_radius_1ps2"] * ahead
+        - forces["drag_by_alt_1ps2"]
     )
-    a[V, PHI] = out["up_by_phi"] * sin_gamma + out["north_by_phi"] * ahead
+    a[V, PHI] = out["up_by_phi_mps2prad"] * sin_gamma + out["north_by_phi_mps2prad"] * ahead
 
 
 @kernel
@@ -154,16 +164,16 @@ def _path_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> None:
     back = sin_gamma * cos_psi
     cos_bank = math.cos(bank_rad)
     normal = forces["lift_mps2"] * cos_bank + up * cos_gamma - north * back
-    a[GAMMA, V] = (forces["lift_by_v"] * cos_bank - normal / v) / v + cos_gamma / r
+    a[GAMMA, V] = (forces["lift_by_v_1ps"] * cos_bank - normal / v) / v + cos_gamma / r
     a[GAMMA, GAMMA] = -(up * sin_gamma + north * cos_gamma * cos_psi) / v - v * sin_gamma / r
     a[GAMMA, PSI] = north * sin_gamma * sin_psi / v + spin_twice * math.cos(x[PHI]) * cos_psi
     a[GAMMA, RADIUS] = (
-        forces["lift_by_alt"] * cos_bank
-        + out["up_by_radius"] * cos_gamma
-        - out["north_by_radius"] * back
+        forces["lift_by_alt_1ps2"] * cos_bank
+        + out["up_by_radius_1ps2"] * cos_gamma
+        - out["north_by_radius_1ps2"] * back
     ) / v - v * cos_gamma / (r * r)
     a[GAMMA, PHI] = (
-        out["up_by_phi"] * cos_gamma - out["north_by_phi"] * back
+        out["up_by_phi_mps2prad"] * cos_gamma - out["north_by_phi_mps2prad"] * back
     ) / v - spin_twice * math.sin(x[PHI]) * sin_psi
 
 
@@ -183,7 +193,7 @@ def _heading_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> No
     sideways = forces["lift_mps2"] * sin_bank - north * sin_psi
     tan_gamma, tan_phi = sin_gamma / cos_gamma, sin_phi / cos_phi
     turn = v * cos_gamma * sin_psi * tan_phi / r
-    a[PSI, V] = (forces["lift_by_v"] * sin_bank - sideways / v) / across + turn / v
+    a[PSI, V] = (forces["lift_by_v_1ps"] * sin_bank - sideways / v) / across + turn / v
     a[PSI, GAMMA] = (
         sideways * tan_gamma / across
         - turn * tan_gamma
@@ -195,10 +205,10 @@ def _heading_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> No
         + spin_twice * cos_phi * sin_psi * tan_gamma
     )
     a[PSI, RADIUS] = (
-        forces["lift_by_alt"] * sin_bank - out["north_by_radius"] * sin_psi
+        forces["lift_by_alt_1ps2"] * sin_bank - out["north_by_radius_1ps2"] * sin_psi
     ) / across - turn / r
     a[PSI, PHI] = (
-        -out["north_by_phi"] * sin_psi / across
+        -out["north_by_phi_mps2prad"] * sin_psi / across
         + v * cos_gamma * sin_psi / (r * cos_phi * cos_phi)
         + spin_twice * (cos_phi + sin_phi * cos_psi * tan_gamma)
     )
@@ -245,10 +255,10 @@ def motion_partials(
     v, across = x[V], x[V] * math.cos(x[GAMMA])
     sin_bank, cos_bank = math.sin(bank_rad), math.cos(bank_rad)
     b = out["by_control"]
-    b[V, ALPHA] = -forces["drag_by_alpha"]
-    b[GAMMA, ALPHA] = forces["lift_by_alpha"] * cos_bank / v
+    b[V, ALPHA] = -forces["drag_by_alpha_mps2prad"]
+    b[GAMMA, ALPHA] = forces["lift_by_alpha_mps2prad"] * cos_bank / v
     b[GAMMA, BANK] = -forces["lift_mps2"] * sin_bank / v
-    b[PSI, ALPHA] = forces["lift_by_alpha"] * sin_bank / across
+    b[PSI, ALPHA] = forces["lift_by_alpha_mps2prad"] * sin_bank / across
     b[PSI, BANK] = forces["lift_mps2"] * cos_bank / across
 
 

@@ -79,13 +79,13 @@ FORCE_SLOPES = RecordSpec(
     "force_slopes",
     Field("rho_kgpm3", 0.0, UNBOUNDED, "modelled density"),
     Field("drag_mps2", -UNBOUNDED, UNBOUNDED),
-    Field("drag_by_v", why="1/s"),
-    Field("drag_by_alt", why="1/s2"),
-    Field("drag_by_alpha", why="m/s2"),
+    Field("drag_by_v_1ps", why="1/s"),
+    Field("drag_by_alt_1ps2", why="1/s2"),
+    Field("drag_by_alpha_mps2prad", why="m/s2"),
     Field("lift_mps2", -UNBOUNDED, UNBOUNDED),
-    Field("lift_by_v", why="1/s"),
-    Field("lift_by_alt", why="1/s2"),
-    Field("lift_by_alpha", why="m/s2"),
+    Field("lift_by_v_1ps", why="1/s"),
+    Field("lift_by_alt_1ps2", why="1/s2"),
+    Field("lift_by_alpha_mps2prad", why="m/s2"),
     Field("rho_slope_1pm", why="of ln rho over altitude"),
 )
 
@@ -251,13 +251,13 @@ def force_slopes(
     out["rho_kgpm3"] = rho
     out["rho_slope_1pm"] = slope_1pm
     out["drag_mps2"] = pressure * cd
-    out["drag_by_v"] = 2.0 * per_speed * cd + pressure * cd_mach / sound_mps
-    out["drag_by_alt"] = pressure * (cd * slope_1pm + cd_mach * mach_by_alt)
-    out["drag_by_alpha"] = pressure * cd_alpha
+    out["drag_by_v_1ps"] = 2.0 * per_speed * cd + pressure * cd_mach / sound_mps
+    out["drag_by_alt_1ps2"] = pressure * (cd * slope_1pm + cd_mach * mach_by_alt)
+    out["drag_by_alpha_mps2prad"] = pressure * cd_alpha
     out["lift_mps2"] = pressure * cl
-    out["lift_by_v"] = 2.0 * per_speed * cl + pressure * cl_mach / sound_mps
-    out["lift_by_alt"] = pressure * (cl * slope_1pm + cl_mach * mach_by_alt)
-    out["lift_by_alpha"] = pressure * cl_alpha
+    out["lift_by_v_1ps"] = 2.0 * per_speed * cl + pressure * cl_mach / sound_mps
+    out["lift_by_alt_1ps2"] = pressure * (cl * slope_1pm + cl_mach * mach_by_alt)
+    out["lift_by_alpha_mps2prad"] = pressure * cl_alpha
 
 
 @kernel

@@ -40,6 +40,16 @@ PURE = {
     "coefficient", "factor_si", "tracking_constant",
     # of a drag profile: the unit depends on what it is indexed by
     "grid", "bend", "index_rate",
+    # of polynomials in angle of attack and Mach number
+    "cl_powers", "cd_powers", "lift_powers", "drag_powers",
+    # vectors and matrices over states and controls: each element has the unit of its own
+    "x", "x_rate", "rate", "by_state", "by_control", "state", "start", "slopes", "k_alpha",
+    "k_bank", "by_knot", "by_knot_rate",
+    # of a planner: squares and weighted errors, and what they change by
+    "error", "jacobian", "rows", "merit", "trial_merit", "kept_merit", "target_error", "excess",
+    "target_error_max", "excess_max", "excess_rate", "excess_by_knot", "excess_by_knot_rate",
+    # places on the axis of a profile
+    "index", "breaks",
     # in the unit of the signal or of the telemetry number
     "scale", "offset", "low", "high", "telemetry", "values", "received",
 }  # fmt: skip

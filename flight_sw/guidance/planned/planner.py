@@ -22,7 +22,8 @@ import math
 
 import numpy as np
 
-from flight_sw.model.motion import LAMBDA, MOTION, N_STATES, PHI, RADIUS, motion_rates
+from flight_sw.guidance.planned.normal_equations import solve_symmetric
+from flight_sw.model.motion import LAMBDA, MOTION, N_STATES, PHI, RADIUS, motion_rates, nearest_turn
 from flight_sw.model.profile import (
     KNOTS_MAX,
     PROFILE,
@@ -50,7 +51,6 @@ STEPS_MAX = 4096  # of one flight ahead
 ITERATIONS_MAX = 40
 TRIALS_MAX = 6  # of step lengths in an iteration
 FULL_STEP_RATIO = 0.5  # of the squared error: a full step that leaves less is not searched further
-PIVOT_MIN = 1e-14  # of the largest element: below, a row says nothing new
 
 IDLE, WORKING, DONE = 0, 1, 2
 NOT_ENDED, CONVERGED, SMALL_STEP, OUT_OF_ITERATIONS, STUCK = 0, 1, 2, 3, 4
@@ -66,10 +66,10 @@ PLANNER = RecordSpec(
     Field("heat_flux_unit_wpm2", 1e-3, 1e12, "in which the excess is squared"),
     Field("target_weight_1prad", 0.0, 1e12, "root of H of latitude and longitude"),
     Field("bank_weight_1prad", 0.0, 1e12, "root of H of the bank"),
-    Field("excess_weight", 0.0, 1e12, "on the root of e_c"),
+    Field("excess_weight_ratio", 0.0, 1e12, "on the root of e_c"),
     Field("target_error_max", 0.0, 1e30, "e_t below which a plan is good"),
     Field("excess_max", 0.0, 1e30, "e_c below which it is"),
-    Field("step_ratio_min", 0.0, 1.0, "shortest step length"),
+    Field("step_min_ratio", 0.0, 1.0, "shortest step length"),
     Field("step_s", 0.01, 100.0, "of the flight ahead"),
     Field("steps_a_frame", 1, STEPS_MAX, "in one minor frame", kind="u4"),
     Field("iterations_max", 1, ITERATIONS_MAX, "of Newton's", kind="u4"),
@@ -124,12 +124,6 @@ JOB = np.dtype(
     align=True,
 )
 """A plan in the making: its bytes are part of a checkpoint."""
-
-
-@kernel
-def folded(angle_rad: float) -> float:
-    """The same direction between -pi and pi."""
-    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
 
 
 @kernel
@@ -238,7 +232,7 @@ def _search(load: Record, design: Record, job: Record) -> None:
         if bend > 0.0:
             shorter = job["merit"] * ratio * ratio / bend
     shorter = min(max(shorter, 0.1 * ratio), 0.9 * ratio)
-    if shorter < design["step_ratio_min"]:
+    if shorter < design["step_min_ratio"]:
         _end(job, SMALL_STEP)
         return
     job["step_ratio"] = shorter
@@ -294,10 +288,12 @@ def _judge(load: Record, design: Record, job: Record) -> float:
     index_slopes(profile, planet, x, job["motion"], job["slopes"])
     error = job["error"]
     error[AT_PHI] = design["target_weight_1prad"] * (x[PHI] - design["target_lat_rad"])
-    error[AT_LAMBDA] = design["target_weight_1prad"] * folded(x[LAMBDA] - design["target_lon_rad"])
+    error[AT_LAMBDA] = design["target_weight_1prad"] * nearest_turn(
+        x[LAMBDA] - design["target_lon_rad"]
+    )
     error[AT_BANK] = design["bank_weight_1prad"] * (bank - design["end_bank_rad"])
     root = math.sqrt(path["excess"])
-    error[AT_EXCESS] = design["excess_weight"] * root
+    error[AT_EXCESS] = design["excess_weight_ratio"] * root
     n_bank = np.int64(profile["n_bank"])
     for k in range(n_bank):
         later_s = -path["by_knot"][RADIUS, k] / rate[RADIUS]  # to come down to the end altitude
@@ -317,7 +313,9 @@ def _judge(load: Record, design: Record, job: Record) -> float:
         )
         row[AT_EXCESS, k] = 0.0
         if root > 0.0:
-            row[AT_EXCESS, k] = design["excess_weight"] * 0.5 * path["excess_by_knot"][k] / root
+            row[AT_EXCESS, k] = (
+                design["excess_weight_ratio"] * 0.5 * path["excess_by_knot"][k] / root
+            )
     total = 0.0
     for i in range(ROWS):
         total += error[i] * error[i]
@@ -343,7 +341,7 @@ def _newton(design: Record, job: Record) -> bool:
                 total += jacobian[i, k] * jacobian[j, k]
             rows[i, j] = total
         rows[i, ROWS] = -error[i]
-    if not _solve(rows):
+    if not solve_symmetric(rows):
         return False
     for k in range(KNOTS_MAX):
         total = 0.0
@@ -373,33 +371,3 @@ def _to_scalars(job: Record, first: int, n_bank: int) -> None:
     error[AT_LAMBDA] = excess
     error[AT_BANK] = 0.0
     error[AT_EXCESS] = 0.0
-
-
-@kernel
-def _solve(rows: F8) -> bool:
-    """Gauss-Jordan on symmetric normal equations, the solution in the last column.
-
-    A pivot that is nothing beside the largest is left out, and its unknown is 0.
-    """
-    n = len(rows)
-    largest = 0.0
-    for i in range(n):
-        largest = max(largest, rows[i, i])
-    if not largest > 0.0:
-        return False
-    for i in range(n):
-        pivot = rows[i, i]
-        if not pivot > PIVOT_MIN * largest:
-            for j in range(n + 1):
-                rows[i, j] = 0.0
-            for j in range(n):
-                rows[j, i] = 0.0
-            continue
-        for j in range(n + 1):
-            rows[i, j] = rows[i, j] / pivot
-        for m in range(n):
-            if m != i:
-                factor = rows[m, i]
-                for j in range(n + 1):
-                    rows[m, j] = rows[m, j] - factor * rows[i, j]
-    return True

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from flight_sw.guidance.planned.plan import REFERENCE, look_up
-from flight_sw.model.motion import GAMMA, LAMBDA, N_STATES, PHI, PSI, RADIUS, V
+from flight_sw.model.motion import GAMMA, LAMBDA, N_STATES, PHI, PSI, RADIUS, V, nearest_turn
 from flight_sw.model.profile import index_of
 from flight_sw.model.tables import between, locate
 from flight_sw.records.fields import Field, RecordSpec
@@ -41,10 +41,10 @@ TRACKER = RecordSpec(
     Field("k_integral_1ps", -1e3, 1e3, "of alpha, per rad s", shape=(GAIN_ROWS,)),
     Field("bank_rad", -math.pi, math.pi, "that the table was made for", shape=(GAIN_ROWS,)),
     Field("path_axes", 0, 1, "1: errors along and across, odd gains by sign", kind="u4"),
-    Field("odd_ratio_max", 0.0, 100.0, "bound on the scale of the odd gains"),
+    Field("odd_max_ratio", 0.0, 100.0, "bound on the scale of the odd gains"),
     Field("integral_of", 0, len(INTEGRALS) - 1, "INTEGRALS", kind="u4"),
-    Field("feedback_from", -1e3, 1e3, "index from which errors are fed back"),
-    Field("integral_from", -1e3, 1e3, "index from which they are integrated"),
+    Field("feedback_from_index", -1e3, 1e3, "index from which errors are fed back"),
+    Field("integral_from_index", -1e3, 1e3, "index from which they are integrated"),
     Field("integral_max_rads", 0.0, 1e6, "bound on the integral"),
     Field("alpha_shift_max_rad", 0.0, math.pi, "largest correction"),
     Field("bank_shift_max_rad", 0.0, math.pi, "largest correction"),
@@ -73,12 +73,6 @@ TRACKING = np.dtype(
 
 
 @kernel
-def folded(angle_rad: float) -> float:
-    """The same direction between -pi and pi."""
-    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
-
-
-@kernel
 def take_state(planet: Record, nav: Record, x: Record) -> None:
     """A navigation fix as a state of shape (6,)."""
     x[V] = nav["v_rel_mps"]
@@ -98,10 +92,10 @@ def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: floa
     error = own["error"]
     error[V] = x[V] - planned[V]
     error[GAMMA] = x[GAMMA] - planned[GAMMA]
-    error[PSI] = folded(x[PSI] - planned[PSI])
+    error[PSI] = nearest_turn(x[PSI] - planned[PSI])
     error[RADIUS] = x[RADIUS] - planned[RADIUS]
     north = x[PHI] - planned[PHI]
-    east = folded(x[LAMBDA] - planned[LAMBDA])
+    east = nearest_turn(x[LAMBDA] - planned[LAMBDA])
     cos_psi, sin_psi = math.cos(planned[PSI]), math.sin(planned[PSI])
     cos_phi = math.cos(planned[PHI])
     own["along_rad"] = north * cos_psi + east * cos_phi * sin_psi
@@ -121,7 +115,7 @@ def _odd_ratio(design: Record, own: Record, row: int, share: float) -> float:
     planned = math.sin(own["reference"]["bank_rad"])
     if abs(made_for) < SIN_BANK_MIN:
         made_for = math.copysign(SIN_BANK_MIN, made_for)
-    most = design["odd_ratio_max"]
+    most = design["odd_max_ratio"]
     return min(max(planned / made_for, -most), most)
 
 
@@ -132,7 +126,7 @@ def correct(design: Record, own: Record, step_s: float) -> None:
     own["bank_shift_rad"] = 0.0
     own["is_limited"] = 0
     own["feeds_back"] = 0
-    if own["index"] < design["feedback_from"]:
+    if own["index"] < design["feedback_from_index"]:
         return
     own["feeds_back"] = 1
     n = np.int64(design["n_rows"])
@@ -159,7 +153,7 @@ def correct(design: Record, own: Record, step_s: float) -> None:
     within = design["alpha_low_rad"] <= wanted <= design["alpha_high_rad"]
     if own["alpha_shift_rad"] != alpha or not within:
         own["is_limited"] = 1
-    elif own["index"] >= design["integral_from"]:
+    elif own["index"] >= design["integral_from_index"]:
         of = own["along_rad"]
         if design["integral_of"] == OF_LATITUDE:
             of = own["x"][PHI] - own["reference"]["state"][PHI]

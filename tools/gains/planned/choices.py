@@ -57,8 +57,9 @@ class Plan(Section):
     bank_weight_1prad: Annotated[
         float, loaded(planner.PLANNER, "bank_weight_1prad", "1/rad", "root of H, bank")
     ] = 600.0
-    excess_weight: Annotated[
-        float, loaded(planner.PLANNER, "excess_weight", "-", "on the root of e_c, in W/cm2 root s")
+    excess_weight_ratio: Annotated[
+        float,
+        loaded(planner.PLANNER, "excess_weight_ratio", "-", "on the root of e_c, in W/cm2 root s"),
     ] = 1.0
     target_error_max: Annotated[
         float, loaded(planner.PLANNER, "target_error_max", "-", "e_t of a good plan")
@@ -66,8 +67,8 @@ class Plan(Section):
     excess_max: Annotated[
         float, loaded(planner.PLANNER, "excess_max", "-", "e_c of a good plan")
     ] = 100.0
-    step_ratio_min: Annotated[
-        float, loaded(planner.PLANNER, "step_ratio_min", "-", "shortest step length")
+    step_min_ratio: Annotated[
+        float, loaded(planner.PLANNER, "step_min_ratio", "-", "shortest step length")
     ] = 1e-4
     iterations_max: Annotated[
         float, Quantity("-", 1.0, float(planner.ITERATIONS_MAX), "a whole number")
@@ -109,12 +110,14 @@ class Tracker(Section):
     integral_max_rads: Annotated[
         float, loaded(tracker.TRACKER, "integral_max_rads", "rad s", "bound")
     ] = 10.0
-    feedback_from: Annotated[
-        float, loaded(tracker.TRACKER, "feedback_from", "-", "index; open loop before")
+    feedback_from_index: Annotated[
+        float, loaded(tracker.TRACKER, "feedback_from_index", "-", "index; open loop before")
     ] = 0.02
-    integral_from: Annotated[float, loaded(tracker.TRACKER, "integral_from", "-", "index")] = 0.1
-    odd_ratio_max: Annotated[
-        float, loaded(tracker.TRACKER, "odd_ratio_max", "-", "bound on the odd gains' scale")
+    integral_from_index: Annotated[
+        float, loaded(tracker.TRACKER, "integral_from_index", "-", "index")
+    ] = 0.1
+    odd_max_ratio: Annotated[
+        float, loaded(tracker.TRACKER, "odd_max_ratio", "-", "bound on the odd gains' scale")
     ] = 1.5
     alpha_shift_max_deg: Annotated[
         float, loaded(tracker.TRACKER, "alpha_shift_max_rad", "deg", "largest correction")

@@ -69,8 +69,8 @@ def fill_planner(record: Record, choice: Plan, mission: Mission) -> None:
     record["heat_flux_limit_wpm2"] = limit_wpm2 * choice.heat_flux_margin_ratio
     record["heat_flux_unit_wpm2"] = HEAT_FLUX_UNIT_WPM2
     for name in (
-        "target_weight_1prad", "bank_weight_1prad", "excess_weight", "target_error_max",
-        "excess_max", "step_ratio_min", "step_s",
+        "target_weight_1prad", "bank_weight_1prad", "excess_weight_ratio", "target_error_max",
+        "excess_max", "step_min_ratio", "step_s",
     ):  # fmt: skip
         record[name] = getattr(choice, name)
     record["steps_a_frame"] = int(choice.steps_a_frame)

@@ -88,7 +88,7 @@ def fill_gains(record: Record, body: Record, plan: Record, choice: Tracker) -> d
     covered = float(plan["index"][int(plan["n_rows"]) - 1])
     if not choice.index_first < covered:
         raise DesignError(
-            f"tracker.index_first is {choice.index_first:g}, allowed below {covered:.4g}, "
+            f"tracker.index_first is {choice.index_first:g}, allowed below {covered:z.4g}, "
             "where the plan ends"
         )
     indexes = np.linspace(choice.index_first, min(choice.index_last, covered), n)
@@ -102,7 +102,12 @@ def fill_gains(record: Record, body: Record, plan: Record, choice: Tracker) -> d
         record["k_integral_1ps"][i] = choice.integral_1ps
     record["path_axes"] = choice.axes == "path"
     record["integral_of"] = INTEGRALS.index(choice.integral)
-    for name in ("feedback_from", "integral_from", "odd_ratio_max", "integral_max_rads"):
+    for name in (
+        "feedback_from_index",
+        "integral_from_index",
+        "odd_max_ratio",
+        "integral_max_rads",
+    ):
         record[name] = getattr(choice, name)
     for name in ("alpha_shift_max", "bank_shift_max", "alpha_low", "alpha_high", "bank_max"):
         record[f"{name}_rad"] = math.radians(getattr(choice, f"{name}_deg"))
