@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NoReturn
 if TYPE_CHECKING:
     import typer
 
-ALONE = ("fly", "campaign", "missions", "gains", "info", "export", "replay", "review", "report",
-         "timing")  # fmt: skip
+ALONE = ("fly", "campaign", "missions", "gains", "plan", "info", "export", "replay", "review",
+         "report", "timing")  # fmt: skip
 GROUPS = ("bench", "bus", "reproduce")
 
 

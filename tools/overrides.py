@@ -30,7 +30,7 @@ from tools.gains.design import Design, laws_of, read_tree
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
 
 DESIGN_PREFIX = "design."
-TOLD_TO_THE_COMPUTER = ("limits.", "guidance.rate_hz")
+TOLD_TO_THE_COMPUTER = ("limits.", "target.", "guidance.rate_hz")
 SET_POINT = "limits.heat_flux_max_kwpm2"
 NOT_SETTABLE = ("name", "title", "source", "design.mission", "design.laws", "guidance.law")
 

@@ -4,7 +4,9 @@ import json
 import math
 from typing import Any
 
+from flight_sw import icd
 from flight_sw.can.error_frames import account_of
+from flight_sw.load_image import TELEMETRY_PREFIX, messages_of
 from flight_sw.reception.receiver import LOST, OK, VERDICTS
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.identity import name_of
@@ -166,6 +168,9 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
         "final_speed_mps": float(truth["v_rel_mps"]),
         "final_longitude_deg": math.degrees(float(truth["lon_rad"])),
         "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
+        "final_flight_path_angle_deg": math.degrees(float(truth["flight_path_angle_rad"])),
+        "final_heading_deg": math.degrees(float(truth["heading_rad"])),
+        "bank_final_deg": math.degrees(float(truth["bank_rad"])),
         **frame_facts(run),
     }
     judgement = run.plan.mission.judgement
@@ -173,6 +178,17 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
         **facts,
         "limits_exceeded": limits_exceeded(facts, judgement),
         "outcome_class": outcome_class(facts, judgement),
+    }
+
+
+def law_telemetry(run: FlightRun) -> dict[str, float]:
+    """What the law last told of itself, by signal."""
+    received = run.harness["port"]["received"][0]
+    return {
+        signal.name: float(received[icd.value_index(message.name, signal.name)])
+        for message in messages_of(run.image.law)
+        if message.name.startswith(TELEMETRY_PREFIX)
+        for signal in message.signals
     }
 
 
@@ -207,6 +223,7 @@ def summary_of(run: FlightRun) -> dict[str, Any]:
         "bus_losses": int(run.computer.get("bus_losses", 0)),
         "bus_rows_lost": int(harness["bus_rows_lost"]),
         "command_rows_lost": int(harness["command_rows_lost"]),
+        "law_telemetry": law_telemetry(run),
         "step_time_us": run.computer.get("step_time_us"),
         **punctuality_of(run),
         "speedup": facts["flight_time_s"] / run.wall_s if run.wall_s > 0.0 else 0.0,

@@ -19,6 +19,8 @@ from sim_harness.world.vehicle import is_low, is_slow, is_spent, is_there
 
 TRIGGERS = (("speed", is_slow), ("altitude", is_low), ("target", is_there), ("energy", is_spent))
 
+FULL_TURN_DEG = 360.0
+
 Vector = tuple[float, float, float]
 
 
@@ -45,6 +47,10 @@ class TerminalErrors(NamedTuple):
     """Distance from that great circle, positive to its right."""
     altitude_error_km: float | None = None
     speed_error_mps: float | None = None
+    latitude_error_deg: float | None = None
+    longitude_error_deg: float | None = None
+    path_angle_error_deg: float | None = None
+    heading_error_deg: float | None = None
 
 
 def direction(lon_rad: float, lat_rad: float) -> Vector:
@@ -165,7 +171,18 @@ def terminal_errors(mission: Mission, state: State) -> TerminalErrors:
         mission.planet.radius_km * right,
         state.alt_m / 1e3 - target.altitude_km,
         state.v_rel_mps - target.speed_mps,
+        math.degrees(state.lat_rad) - target.latitude_deg,
+        math.remainder(math.degrees(state.lon_rad) - target.longitude_deg, FULL_TURN_DEG),
+        _beyond(math.degrees(state.flight_path_angle_rad), target.flight_path_angle_deg),
+        _beyond(math.degrees(state.heading_rad), target.heading_deg),
     )
+
+
+def _beyond(flown_deg: float, wanted_deg: float | None) -> float | None:
+    """An angle less the one wanted, between -180 and 180 deg; None where none is."""
+    if wanted_deg is None:
+        return None
+    return math.remainder(flown_deg - wanted_deg, FULL_TURN_DEG)
 
 
 def end_trigger(world: Record, truth: Record, outcome: int) -> str | None:

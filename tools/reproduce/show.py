@@ -2,12 +2,11 @@
 
 from rich import box
 from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
+from tools.console import print_whole
 from tools.reproduce.judged import Reproduction, Row
 
-WIDTH_MAX = 400  # columns; a terminal narrower than a table wraps its lines: no figure is cut
 HOLDS = {True: "yes", False: "NO", None: ""}
 
 
@@ -15,15 +14,6 @@ def _here(row: Row) -> str:
     if row.here is None:
         return ""
     return f"{row.here:z,.1f}" if abs(row.here) >= 100.0 else f"{row.here:z,.3g}"
-
-
-def _print_whole(console: Console, table: Table) -> None:
-    """Print a table as wide as its contents are, whatever the terminal's width."""
-    own = console.width
-    options = console.options.update(max_width=WIDTH_MAX)
-    console.width = max(own, Measurement.get(console, options, table).maximum)
-    console.print(table, soft_wrap=True)
-    console.width = own
 
 
 def show(reproduction: Reproduction, console: Console) -> None:
@@ -42,7 +32,7 @@ def show(reproduction: Reproduction, console: Console) -> None:
                 row.quantity + unit, row.paper, _here(row), row.deviation, row.bar,
                 HOLDS[row.holds], style=style,
             )  # fmt: skip
-        _print_whole(console, table)
+        print_whole(console, table)
         console.print(part.attribution, highlight=False)
         console.print()
     console.print(reproduction.verdict, highlight=False)

@@ -45,6 +45,8 @@ FIRST_PHASE = dict.fromkeys(
     ("plan_along_error_m", "plan_across_error_m", "plan_alt_error_m", "plan_v_error_mps"), TRACKING
 )
 
+TOLD_MAX = 6.7e6  # what the messages carry of a plan's errors
+
 NOT_BEGUN, SEEKING, WRITING, IN_FORCE, FAILED = 0, 1, 2, 3, 4
 STAGES = ("not begun", "seeking", "writing", "in force", "failed")
 FROM_LOAD, FROM_JOB = 0, 1
@@ -240,12 +242,12 @@ def _report(load: Record, state: Record, out: Record) -> None:
         told[8] = plan["ending"]
         told[10] = plan["iterations"]
         told[11] = plan["flights"]
-        told[12] = plan["target_error"]
-        told[13] = plan["excess"]
+        told[12] = min(plan["target_error"], TOLD_MAX)
+        told[13] = min(plan["excess"], TOLD_MAX)
     else:
         stored = load["law"]["stored"]
         told[8] = stored["ending"]
         told[10] = stored["iterations"]
         told[11] = stored["flights"]
-        told[12] = stored["target_error"]
-        told[13] = stored["excess"]
+        told[12] = min(stored["target_error"], TOLD_MAX)
+        told[13] = min(stored["excess"], TOLD_MAX)

@@ -1,0 +1,126 @@
+"""What the onboard planner would plan for a mission: the computer's kernels, run on the ground."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flight_sw.errors import FlightError
+from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.guidance.planned.plan import REFERENCE, look_up
+from flight_sw.load_image import activate, parse_image
+from flight_sw.model.motion import MOTION, N_STATES, motion_rates
+from flight_sw.model.propagation import flux_of
+from flight_sw.records.types_ import Record
+from sim_harness.mission.mission import Mission
+from tools.gains.planned.offline import (
+    Planned,
+    fix_at_entry,
+    iterations_of,
+    plan_offline,
+    states_of,
+)
+from tools.overrides import prepare
+
+LAW = "planned-lqr"
+HEADINGS = (
+    ("iteration", "iteration", "{:d}"),
+    ("e_t", "target_error", "{:z,.4g}"),
+    ("e_c (W/cm2)2 s", "excess", "{:z,.4g}"),
+    ("step", "step_ratio", "{:z.3g}"),
+    ("latitude deg", "latitude_deg", "{:z.4f}"),
+    ("longitude deg", "longitude_deg", "{:z.4f}"),
+    ("final bank deg", "bank_final_deg", "{:z.3f}"),
+    ("heat flux kW/m2", "heat_flux_max_kwpm2", "{:z.1f}"),
+    ("duration s", "duration_s", "{:z.1f}"),
+)
+"""Columns of the table of iterations: title, key and form."""
+
+
+class Told(NamedTuple):
+    """A plan for a person."""
+
+    mission: Mission
+    planned: Planned
+    dt_s: float
+    columns: dict[str, np.ndarray]
+    """Index, states, controls and heat flux along the plan; SI."""
+
+    @property
+    def ending(self) -> str:
+        """How the planner ended."""
+        if self.planned.stage == planned_lqr.FAILED:
+            return "failed"
+        return planner.ENDINGS[int(self.planned.job["ending"][0])]
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the plan ends at the target within the design's bars."""
+        return self.ending == planner.ENDINGS[planner.CONVERGED]
+
+    def missed(self) -> dict[str, float]:
+        """By how much the plan misses the target."""
+        target, radius_km = self.mission.target, self.mission.planet.radius_km
+        assert target is not None  # the design refuses a mission without
+        lat, lon = (float(np.degrees(self.columns[n][-1])) for n in ("lat_rad", "lon_rad"))
+        east = math.remainder(lon - target.longitude_deg, 360.0)
+        north = lat - target.latitude_deg
+        east_km = math.radians(east) * math.cos(math.radians(lat)) * radius_km
+        return {
+            "latitude_error_deg": north,
+            "longitude_error_deg": east,
+            "distance_km": math.hypot(math.radians(north) * radius_km, east_km),
+        }
+
+
+def columns_of(load: Record, plan: Record) -> dict[str, np.ndarray]:
+    """The plan's states with controls, heat flux and altitude, a row each."""
+    found = states_of(plan)
+    n = len(found["index"])
+    extra = {name: np.zeros(n) for name in ("alpha_rad", "bank_rad", "heat_flux_wpm2", "alt_m")}
+    reference, motion = np.zeros(1, REFERENCE), np.zeros(1, MOTION)
+    for i in range(n):
+        look_up(plan, float(found["index"][i]), reference[0])
+        alpha, bank = float(reference["alpha_rad"][0]), float(reference["bank_rad"][0])
+        x = np.array(plan["state"][i][:N_STATES])
+        motion_rates(load["onboard"], load["atmosphere"], x, alpha, bank, motion[0])
+        rho = float(motion["forces"]["rho_kgpm3"][0])
+        extra["alpha_rad"][i], extra["bank_rad"][i] = alpha, bank
+        extra["heat_flux_wpm2"][i] = flux_of(load["onboard"], rho, float(x[0]))
+        extra["alt_m"][i] = x[3] - float(load["onboard"]["planet"]["radius_m"])
+    return {**found, **extra}
+
+
+def plan_of(target: str, settings: list[str], load_path: Path | None) -> Told:
+    """The plan of a mission; raises AeroshellError where the mission has no law that plans."""
+    prepared = prepare(target, None if load_path else LAW, settings, load_path)
+    if prepared.law != LAW:
+        raise FlightError(f"{prepared.load_path}: is for law '{prepared.law}', which plans nothing")
+    load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
+    load["law"]["plans_onboard"] = 1
+    planned = plan_offline(load, fix_at_entry(prepared.mission))
+    columns: dict[str, np.ndarray] = {}
+    if int(planned.plan["n_rows"][0]) > 0:
+        columns = columns_of(load[0], planned.plan[0])
+    return Told(prepared.mission, planned, float(load["dt_s"][0]), columns)
+
+
+def to_json(told: Told) -> dict[str, Any]:
+    """Everything as plain values, angles in degrees."""
+    job, plan = told.planned.job[0], told.planned.plan[0]
+    n = int(plan["profile"]["n_bank"])
+    found = {
+        "mission": told.mission.name,
+        "ending": told.ending,
+        "iterations": iterations_of(job) if told.columns else [],
+        "flights_ahead": int(job["flights"]),
+        "minor_frames": told.planned.frames,
+        "coast_s": told.planned.frames * told.dt_s,
+        "bank_index": [float(v) for v in plan["profile"]["bank_index"][:n]],
+        "bank_deg": [float(np.degrees(v)) for v in plan["profile"]["bank_rad"][:n]],
+    }
+    if told.columns:
+        found |= told.missed()
+        found["trajectory"] = {name: values.tolist() for name, values in told.columns.items()}
+    return found
