@@ -28,8 +28,8 @@ PROFILE = np.dtype(
         ("n_alpha", "u4"),
         ("n_breaks", "u4"),
         ("energy_ref_jpkg", "f8"),
-        ("speed_ref_mps", "f8"),
-        ("speed_unit_mps", "f8"),
+        ("index_speed_mps", "f8"),
+        ("index_unit_mps", "f8"),
         ("time_unit_s", "f8"),
         ("bank_index", "f8", (KNOTS_MAX,)),
         ("bank_rad", "f8", (KNOTS_MAX,)),
@@ -71,7 +71,7 @@ def index_of(profile: Record, planet: Record, x: F8, t_s: float) -> float:
     if profile["index_by"] == BY_TIME:
         return t_s / profile["time_unit_s"]
     left = 2.0 * (jacobi_energy(planet, x) - profile["energy_ref_jpkg"])
-    return (profile["speed_ref_mps"] - math.sqrt(max(left, 0.0))) / profile["speed_unit_mps"]
+    return (profile["index_speed_mps"] - math.sqrt(max(left, 0.0))) / profile["index_unit_mps"]
 
 
 @kernel
@@ -85,7 +85,7 @@ def index_slopes(profile: Record, planet: Record, x: F8, motion: Record, out: F8
     if profile["index_by"] == BY_TIME:
         return
     left = 2.0 * (jacobi_energy(planet, x) - profile["energy_ref_jpkg"])
-    per_energy = -1.0 / (profile["speed_unit_mps"] * max(math.sqrt(max(left, 0.0)), W_MIN_MPS))
+    per_energy = -1.0 / (profile["index_unit_mps"] * max(math.sqrt(max(left, 0.0)), W_MIN_MPS))
     out[V] = per_energy * x[V]
     out[RADIUS] = -per_energy * motion["up_mps2"]
     out[PHI] = -per_energy * x[RADIUS] * motion["north_mps2"]

@@ -52,7 +52,7 @@ PATH = np.dtype(
         ("by_knot", "f8", (N_STATES, KNOTS_MAX)),  # of the state by the bank at each knot
         ("excess", "f8"),  # integral of the squared excess of heat flux over its limit
         ("excess_by_knot", "f8", (KNOTS_MAX,)),
-        ("heat_flux_max_wpm2", "f8"),
+        ("heat_flux_peak_wpm2", "f8"),
         ("steps", "i8"),
     ],
     align=True,
@@ -99,7 +99,7 @@ def begin(path: Record, profile: Record, planet: Record, x: F8, t_s: float) -> N
     for k in range(KNOTS_MAX):
         path["excess_by_knot"][k] = 0.0
     path["excess"] = 0.0
-    path["heat_flux_max_wpm2"] = 0.0
+    path["heat_flux_peak_wpm2"] = 0.0
     path["t_s"] = t_s
     path["steps"] = 0
     index = index_of(profile, planet, path["x"], t_s)
@@ -345,7 +345,7 @@ def _commit(
     """The end of the step becomes where the path stands."""
     forces = work["motion"]["forces"]
     flux = flux_of(onboard, forces["rho_kgpm3"], work["x"][V])
-    path["heat_flux_max_wpm2"] = max(path["heat_flux_max_wpm2"], flux)
+    path["heat_flux_peak_wpm2"] = max(path["heat_flux_peak_wpm2"], flux)
     path["t_s"] += step_s
     path["steps"] += 1
     path["excess"] = work["excess"]

@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 from sim_harness.mission.documents import short
 from sim_harness.mission.quantities import Quantity, Section, Text, plain
 
+KEYS_TOLD = 16  # of a table, in a refusal
 TAG = "model"
 WORD_MAX = 100  # characters of a word that another is looked for
 TOLD_CHARACTERS_MAX = 800  # about one file, beyond its first sentence
@@ -155,7 +156,10 @@ def sentence(root: type[BaseModel], raw: Any, error: ErrorDetails) -> str:
             return f"{where} is missing, allowed {allowed_of(parent, key)}"
         case "extra_forbidden":
             known = list(parent.model_fields) if parent else []
-            return f"{where} is not a known key{nearest(key, known)}; allowed {', '.join(known)}"
+            allowed = ", ".join(known[:KEYS_TOLD])
+            if len(known) > KEYS_TOLD:
+                allowed += f" and {len(known) - KEYS_TOLD} more"
+            return f"{where} is not a known key{nearest(key, known)}; allowed {allowed}"
         case "union_tag_invalid" | "union_tag_not_found":
             options = options_at(root, raw, path)
             tags = ", ".join(tag_of(option) for option in options)

@@ -207,7 +207,9 @@ class Rows(Series):
         rows = Series(self.unit, self.low, self.high, self.meaning, self.length_max)
         lists = (list, tuple)
         if not isinstance(value, lists) or not all(isinstance(row, lists) for row in value):
-            raise refusal("is not a list of lists, allowed a list per angle of attack")
+            raise refusal(f"is not a list of lists, allowed {self.allowed}")
+        if not 1 <= len(value) <= self.length_max:
+            raise refusal(f"has {len(value)} lists, allowed {self.allowed}")
         return tuple(rows.check_list(row) for row in value)
 
     def __get_pydantic_core_schema__(

@@ -27,7 +27,7 @@ def onboard_with(n_mach: int) -> Any:
     """A vehicle with a table of random coefficients, in the first rows of the record."""
     rng = np.random.default_rng(20260304)
     record = np.zeros(1, ONBOARD.dtype)[0]
-    record["planet"] = (6.0e6, 4.0e14, 1e-4, 9.8)
+    record["planet"] = (6.0e6, 4.0e14, 1e-4, 9.8, 0.0)
     record["heating"] = (2.0e-4, 0.5, 3.0)
     record["vehicle"]["mass_kg"] = 500.0
     record["vehicle"]["reference_area_m2"] = 2.0

@@ -64,8 +64,8 @@ class Ahead:
         self.profile = np.zeros(1, PROFILE)
         profile = self.profile[0]
         profile["index_by"], profile["time_unit_s"] = index_by, 230.0
-        profile["energy_ref_jpkg"], profile["speed_ref_mps"] = -62.40e6, 7760.0
-        profile["speed_unit_mps"] = 1000.0
+        profile["energy_ref_jpkg"], profile["index_speed_mps"] = -62.40e6, 7760.0
+        profile["index_unit_mps"] = 1000.0
         profile["n_bank"], profile["n_alpha"] = len(BANK_KNOTS), len(ALPHA_KNOTS)
         profile["bank_index"][: len(BANK_KNOTS)] = BANK_KNOTS
         profile["bank_rad"][: len(BANK_DEG)] = np.radians(BANK_DEG)

@@ -39,7 +39,8 @@ FLOWN = ("lqy", "integrated")
 """Laws for tests that compile a loop each: between them they hold the kernels of all four."""
 
 MARS_LAWS = ("drag-state", "drag-observer", "range-predictor")
-ALL_LAWS = (*LAWS, *MARS_LAWS)
+PLANNED_LAWS = ("planned-lqr",)
+ALL_LAWS = (*LAWS, *MARS_LAWS, *PLANNED_LAWS)
 
 PIECES: dict[str, dict[str, float | str]] = {
     "entry": {},
@@ -72,6 +73,17 @@ DRAG_FELT: dict[str, float | str] = {
     "entry.longitude_deg": 3.975,
 }
 """The lander of Mars a second before its drag starts the tracking."""
+
+ON_THE_PLAN: dict[str, float | str] = {
+    "entry.altitude_km": 74.15277509750426,
+    "entry.speed_mps": 7338.986081259216,
+    "entry.flight_path_angle_deg": -0.33008001,
+    "entry.heading_deg": 101.54632808,
+    "entry.latitude_deg": -4.11779748,
+    "entry.longitude_deg": 23.13659933,
+    "entry.bank_deg": 88.0,
+}
+"""The winged vehicle on the plan of its load, where errors are fed back."""
 
 FSW = icd.NODES.index("FSW")
 NAV_FRAMES = 7  # a navigation set: six messages and the time
@@ -115,10 +127,28 @@ def shipped(law: str, mission: str = "mars-lander", seconds: float = 0.0) -> Bui
     return Built(flown, law, raw, image, activate(image))
 
 
+@functools.cache
+def on_the_plan(law: str, seconds: float) -> Built:
+    """The winged vehicle with its committed load, so many seconds from `ON_THE_PLAN`."""
+    made = shipped(law, "rlv")
+    return made._replace(mission=load_mission("rlv", {**ON_THE_PLAN, "end.time_max_s": seconds}))
+
+
+@functools.cache
+def planning(law: str, seconds: float) -> Built:
+    """The same from its entry, while a job of one step a minor frame plans."""
+    made = shipped(law, "rlv")
+    load = made.load.copy()
+    load["law"]["planner"]["steps_a_frame_count"] = 1
+    return made._replace(mission=load_mission("rlv", {"end.time_max_s": seconds}), load=load)
+
+
 def any_built(law: str, seconds: float = 0.0) -> Built:
     """A mission and load of any law: the whole flight, or some seconds with its law at work."""
     if law in MARS_LAWS:
         return shipped(law, seconds=seconds)
+    if law in PLANNED_LAWS:
+        return on_the_plan(law, seconds) if seconds else shipped(law, "rlv")
     if not seconds:
         return built(law)
     made = built(law, "tracking")

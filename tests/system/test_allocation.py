@@ -17,7 +17,7 @@ from sim_harness.flight.flight import hand_over
 from sim_harness.flight.loop import fly_in_memory
 from sim_harness.jit import kernel
 from tests.flight_sw.test_executive import Loop
-from tests.system.flights import FLOWN, MARS_LAWS, Computer, World, any_built, built
+from tests.system.flights import FLOWN, MARS_LAWS, PLANNED_LAWS, Computer, World, any_built, built
 
 pytestmark = pytest.mark.jit_only
 
@@ -78,7 +78,7 @@ HOLDS_ALL_OF_MARS = "range-predictor"  # but the control of the two that track d
 
 @pytest.mark.parametrize(
     "law",
-    [*FLOWN, HOLDS_ALL_OF_MARS,
+    [*FLOWN, HOLDS_ALL_OF_MARS, *PLANNED_LAWS,
      *(pytest.param(law, marks=pytest.mark.slow) for law in MARS_LAWS if law != HOLDS_ALL_OF_MARS)],
 )  # fmt: skip
 def test_the_minor_frame_holds_no_allocation(law: str, fresh_compile: Callable[..., Any]) -> None:
@@ -154,7 +154,11 @@ def check(readings: np.ndarray) -> None:
     assert stayed.min() < per_call.shape[1] / 2, f"blocks that stayed, by rounds: {stayed}"
 
 
-WHOLE = {**dict.fromkeys(FLOWN, (40, 2400.0)), **dict.fromkeys(MARS_LAWS, (12, 1000.0))}
+WHOLE = {
+    **dict.fromkeys(FLOWN, (40, 2400.0)),
+    **dict.fromkeys(MARS_LAWS, (12, 1000.0)),
+    **dict.fromkeys(PLANNED_LAWS, (66, 520.0)),
+}
 """Of each law the calls a round that fly its mission to the end, and a speed fallen below then."""
 
 
@@ -162,7 +166,7 @@ WHOLE = {**dict.fromkeys(FLOWN, (40, 2400.0)), **dict.fromkeys(MARS_LAWS, (12, 1
 def test_no_counter_moves_over_a_whole_flight(law: str, counting: None) -> None:
     calls, end_mps = WHOLE[law]
     made = any_built(law)
-    world, computer = World(made, 46_000), Computer(made)
+    world, computer = World(made, 90_000), Computer(made)
     for _ in range(SETTLING_CALLS):
         world.fly(computer, 0)
     check(rounds_of(lambda: world.fly(computer, CHUNK_CYCLES), ROUNDS, calls))

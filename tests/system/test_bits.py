@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flight_sw.guidance.planned.planned_lqr import SEEKING
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightRun, fly_memory
 from sim_harness.replay.replayer import Replayer
@@ -19,6 +20,7 @@ from tests.system.flights import (
     FLOWN,
     MARS_LAWS,
     PIECES,
+    PLANNED_LAWS,
     ROOT,
     Built,
     Computer,
@@ -26,6 +28,8 @@ from tests.system.flights import (
     any_built,
     built,
     commands,
+    on_the_plan,
+    planning,
     run_of,
     sha256,
     shipped,
@@ -38,10 +42,13 @@ PROCESS_TIMEOUT_S = 300.0
 
 
 MARS_PIECE = "drag felt"
+PLANNED_PIECES = ("planning", "on the plan")
 
 
 def piece_of(law: str, piece: str) -> Built:
     """A piece of Hyperion-1, or the one of Mars, the first second of which the law waits in."""
+    if piece in PLANNED_PIECES:
+        return planning(law, FELT_S) if piece == "planning" else on_the_plan(law, FELT_S)
     return shipped(law, seconds=FELT_S) if piece == MARS_PIECE else built(law, piece)
 
 
@@ -57,11 +64,15 @@ def fingerprint(law: str, piece: str) -> dict[str, str]:
     }
 
 
+PLANNED = [(law, piece) for law in PLANNED_LAWS for piece in PLANNED_PIECES]
+
+
 def all_fingerprints() -> dict[str, dict[str, str]]:
     """Of every law and piece."""
     pieces = [piece for piece in PIECES if piece != "minute"]
     flown = [(law, piece) for law in FLOWN for piece in pieces]
     flown += [(law, MARS_PIECE) for law in MARS_LAWS]
+    flown += PLANNED
     return {f"{law} {piece}": fingerprint(law, piece) for law, piece in flown}
 
 
@@ -81,11 +92,12 @@ def test_interpreted_and_compiled_code_give_the_same_bits() -> None:
 
 
 CONTINUED = [(law, piece) for law in FLOWN for piece in ("peak", "hand-over")]
-CONTINUED += [(law, MARS_PIECE) for law in MARS_LAWS]
+AT_MARS = [(law, MARS_PIECE) for law in MARS_LAWS]
+CONTINUED += [*AT_MARS, *PLANNED]
 
 
 @pytest.mark.parametrize(
-    ("law", "piece"), [*((law, "tracking") for law in FLOWN), *CONTINUED[-len(MARS_LAWS) :]]
+    ("law", "piece"), [*((law, "tracking") for law in FLOWN), *AT_MARS, *PLANNED]
 )
 def test_two_flights_are_the_same(law: str, piece: str) -> None:
     assert fingerprint(law, piece) == fingerprint(law, piece)
@@ -99,6 +111,15 @@ def test_the_piece_of_mars_begins_before_its_law_and_ends_within_it(law: str) ->
     assert computer.state["guidance"]["tracking"][0] == 0
     world.fly(computer, CYCLES - 1)
     assert computer.state["guidance"]["tracking"][0] == 1
+
+
+def test_the_pieces_of_a_plan_are_in_the_middle_of_a_job_and_of_tracking() -> None:
+    for piece, tracks in zip(PLANNED_PIECES, (0, 1), strict=True):
+        made = piece_of("planned-lqr", piece)
+        world, computer = World(made, CYCLES), Computer(made)
+        world.fly(computer, CYCLES)
+        assert computer.state["guidance"]["tracking"][0] == tracks
+        assert (computer.state["law"]["stage"][0] == SEEKING) == (piece == "planning")
 
 
 @pytest.mark.parametrize(("law", "piece"), CONTINUED)

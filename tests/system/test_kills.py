@@ -49,7 +49,7 @@ from pathlib import Path
 import numpy as np
 from sim_harness.flight.flight import FlightPlan, FlightRun
 from sim_harness.flight.loop import HARNESS
-from sim_harness.mission.mission import load_mission
+from sim_harness.world.missions import load_mission
 from tools.commands.fly import fly_and_record
 folder, plan, bytes_max = Path(sys.argv[1]), json.loads(sys.argv[2]), int(sys.argv[3])
 load = Path("gains/hyperion-1/lqy.load")

@@ -63,3 +63,11 @@ def yan(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
     from tools.reproduce.yan import reproduce
 
     end_with(reproduce(quick=quick, progress=progress_line()), as_json)
+
+
+@app.command()
+def joshi(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
+    """Reusable launch vehicle of [JOSHI]: five plans, Tables 3 and 4, heat flux."""
+    from tools.reproduce.joshi import reproduce
+
+    end_with(reproduce(quick=quick, progress=progress_line()), as_json)

@@ -25,7 +25,7 @@ PLAN = np.dtype(
         ("flights", "u4"),  # ahead, that it took
         ("target_error", "f8"),
         ("excess", "f8"),
-        ("heat_flux_max_wpm2", "f8"),
+        ("heat_flux_peak_wpm2", "f8"),
         ("duration_s", "f8"),
         ("index", "f8", (ROWS_MAX,)),
         ("state", "f8", (ROWS_MAX, N_STATES)),  # motion.STATES, longitude without a jump

@@ -60,8 +60,8 @@ PROFILE_SPEC = RecordSpec.of(
     Field("n_alpha", 1, KNOTS_MAX, kind="u4"),
     Field("n_breaks", 2, BREAKS_MAX, kind="u4"),
     Field("energy_ref_jpkg", -1e12, 1e12),
-    Field("speed_ref_mps", 0.0, 1e6),
-    Field("speed_unit_mps", 1e-3, 1e6),
+    Field("index_speed_mps", 0.0, 1e6),
+    Field("index_unit_mps", 1e-3, 1e6),
     Field("time_unit_s", 1e-6, 1e6),
     Field("bank_index", -1e6, 1e6, shape=(KNOTS_MAX,), rows="n_bank"),
     Field("bank_rad", -math.pi, math.pi, shape=(KNOTS_MAX,)),
@@ -79,7 +79,7 @@ PLAN_SPEC = RecordSpec.of(
     Field("flights", 0, 1e6, kind="u4"),
     Field("target_error", 0.0, 1e30),
     Field("excess", 0.0, 1e30),
-    Field("heat_flux_max_wpm2", 0.0, 1e12),
+    Field("heat_flux_peak_wpm2", 0.0, 1e12),
     Field("duration_s", 0.0, 1e6),
     Field("index", -1e6, 1e6, shape=(ROWS_MAX,), rows="n_rows"),
     Field("state", -1e12, 1e12, shape=(ROWS_MAX, N_STATES)),
@@ -122,7 +122,7 @@ def _write_down(load: Record, design: Record, state: Record) -> None:
     plan["flights"] = job["flights"]
     plan["target_error"] = told["target_error"]
     plan["excess"] = told["excess"]
-    plan["heat_flux_max_wpm2"] = told["heat_flux_max_wpm2"]
+    plan["heat_flux_peak_wpm2"] = told["heat_flux_peak_wpm2"]
     plan["duration_s"] = told["t_s"]
     begin_rows(plan)
     job["conditions"]["has_sensitivities"] = 0
@@ -138,7 +138,7 @@ def _write_on(load: Record, design: Record, state: Record) -> None:
     job = state["job"]
     other = 1 - state["in_force"]
     plan = state["plans"][other]
-    for _ in range(np.int64(design["planner"]["steps_a_frame"])):
+    for _ in range(np.int64(design["planner"]["steps_a_frame_count"])):
         code = advance(
             load["onboard"], load["atmosphere"], job["profile"], job["conditions"], job["path"],
             job["work"],

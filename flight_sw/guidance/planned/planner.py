@@ -10,7 +10,7 @@ is asked for there and no heat flux above its limit. Differences from the source
 - knots lie over the energy lost and not over the time, and the bank is rolled in, not jumped to;
 - signs of Eqs. 2, 31, 43 as corrected in docs/laws/planned.md.
 
-A call of `work_on` makes at most `steps_a_frame` steps of the flight ahead: the same number
+A call of `work_on` makes at most `steps_a_frame_count` steps of the flight ahead: the same number
 whatever the pace. Each flight ahead is one trial; a trial that is better becomes what is improved
 next. What was found best stays where it is until the job is done.
 
@@ -71,7 +71,7 @@ PLANNER = RecordSpec(
     Field("excess_max", 0.0, 1e30, "e_c below which it is"),
     Field("step_min_ratio", 0.0, 1.0, "shortest step length"),
     Field("step_s", 0.01, 100.0, "of the flight ahead"),
-    Field("steps_a_frame", 1, STEPS_MAX, "in one minor frame", kind="u4"),
+    Field("steps_a_frame_count", 1, STEPS_MAX, "in one minor frame", kind="u4"),
     Field("iterations_max", 1, ITERATIONS_MAX, "of Newton's", kind="u4"),
     Field("literal", 0, 1, "1: on e_t and e_c alone, as in the source", kind="u4"),
     Field("first_free_knot", 0, KNOTS_MAX - 1, "of the bank; those before are given", kind="u4"),
@@ -85,7 +85,7 @@ TRACE = np.dtype(
         ("lat_rad", "f8"),
         ("lon_rad", "f8"),
         ("bank_rad", "f8"),
-        ("heat_flux_max_wpm2", "f8"),
+        ("heat_flux_peak_wpm2", "f8"),
         ("t_s", "f8"),
     ],
     align=True,
@@ -157,8 +157,8 @@ def start(load: Record, design: Record, profile: Record, job: Record, x: F8, t_s
 
 @kernel
 def work_on(load: Record, design: Record, job: Record) -> None:
-    """At most `steps_a_frame` steps of the flight ahead."""
-    for _ in range(np.int64(design["steps_a_frame"])):
+    """At most `steps_a_frame_count` steps of the flight ahead."""
+    for _ in range(np.int64(design["steps_a_frame_count"])):
         if job["stage"] != WORKING:
             return
         code = advance(
@@ -254,7 +254,7 @@ def _accept(load: Record, design: Record, job: Record, ratio: float) -> None:
     told["lat_rad"] = path["x"][PHI]
     told["lon_rad"] = path["x"][LAMBDA]
     told["bank_rad"] = design["end_bank_rad"] + job["error"][AT_BANK] / design["bank_weight_1prad"]
-    told["heat_flux_max_wpm2"] = path["heat_flux_max_wpm2"]
+    told["heat_flux_peak_wpm2"] = path["heat_flux_peak_wpm2"]
     told["t_s"] = path["t_s"] - job["start_s"]
     if _target_error(job) < design["target_error_max"] and path["excess"] <= design["excess_max"]:
         _end(job, CONVERGED)

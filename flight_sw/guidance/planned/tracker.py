@@ -154,7 +154,7 @@ def correct(design: Record, own: Record, step_s: float) -> None:
     if own["alpha_shift_rad"] != alpha or not within:
         own["is_limited"] = 1
     elif own["index"] >= design["integral_from_index"]:
-        of = own["along_rad"]
+        of = -own["along_rad"]  # short of the plan: a smaller angle of attack flies farther
         if design["integral_of"] == OF_LATITUDE:
             of = own["x"][PHI] - own["reference"]["state"][PHI]
         most = design["integral_max_rads"]

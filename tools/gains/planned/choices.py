@@ -32,11 +32,11 @@ class Plan(Section):
     energy_ref_mjpkg: Annotated[
         float, Quantity("MJ/kg", -1e4, 1e4, "Jacobi's, that counts as none")
     ] = 0.0
-    speed_ref_mps: Annotated[
-        float, loaded(PROFILE_SPEC, "speed_ref_mps", "m/s", "of the index' zero")
+    index_speed_mps: Annotated[
+        float, loaded(PROFILE_SPEC, "index_speed_mps", "m/s", "of the index' zero")
     ] = 0.0
-    speed_unit_mps: Annotated[
-        float, loaded(PROFILE_SPEC, "speed_unit_mps", "m/s", "of the index")
+    index_unit_mps: Annotated[
+        float, loaded(PROFILE_SPEC, "index_unit_mps", "m/s", "of the index")
     ] = 1000.0
     bank_index: Annotated[tuple[float, ...], knots("of the bank's knots")]
     bank_deg: Annotated[tuple[float, ...], angles("first guess at them")]

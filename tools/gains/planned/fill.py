@@ -38,8 +38,8 @@ def fill_profile(record: Record, choice: Plan) -> None:
     """The PROFILE of the first guess."""
     record["index_by"] = BY_ENERGY if choice.index == "energy" else BY_TIME
     record["energy_ref_jpkg"] = choice.energy_ref_mjpkg * 1e6
-    record["speed_ref_mps"] = choice.speed_ref_mps
-    record["speed_unit_mps"] = choice.speed_unit_mps
+    record["index_speed_mps"] = choice.index_speed_mps
+    record["index_unit_mps"] = choice.index_unit_mps
     record["time_unit_s"] = 1.0
     for axis in ("bank", "alpha"):
         places, values = getattr(choice, f"{axis}_index"), getattr(choice, f"{axis}_deg")
@@ -73,7 +73,7 @@ def fill_planner(record: Record, choice: Plan, mission: Mission) -> None:
         "excess_max", "step_min_ratio", "step_s",
     ):  # fmt: skip
         record[name] = getattr(choice, name)
-    record["steps_a_frame"] = int(choice.steps_a_frame)
+    record["steps_a_frame_count"] = int(choice.steps_a_frame)
     record["iterations_max"] = int(choice.iterations_max)
     record["literal"] = choice.newton == "literal"
     record["first_free_knot"] = int(choice.given_knots)
@@ -98,7 +98,7 @@ def _store(record: Record, found: Planned) -> None:
     """The ground's plan into the load, rounded."""
     plan = found.plan[0]
     record["ending"], record["iterations"] = plan["ending"], plan["iterations"]
-    for name in ("target_error", "excess", "heat_flux_max_wpm2", "duration_s"):
+    for name in ("target_error", "excess", "heat_flux_peak_wpm2", "duration_s"):
         record[name] = rounded(float(plan[name]))
     record["flights"], n = plan["flights"], int(plan["n_rows"])
     record["n_rows"] = n

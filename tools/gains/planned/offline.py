@@ -75,7 +75,7 @@ def iterations_of(job: Record) -> list[dict[str, float]]:
             "latitude_deg": float(np.degrees(row["lat_rad"])),
             "longitude_deg": float(np.degrees(row["lon_rad"])),
             "bank_final_deg": float(np.degrees(row["bank_rad"])),
-            "heat_flux_max_kwpm2": float(row["heat_flux_max_wpm2"]) / 1e3,
+            "heat_flux_max_kwpm2": float(row["heat_flux_peak_wpm2"]) / 1e3,
             "duration_s": float(row["t_s"]),
         }
         for i, row in enumerate(told)

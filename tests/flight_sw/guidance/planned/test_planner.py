@@ -79,9 +79,9 @@ def test_the_mirror_image_is_planned_with_the_bank_mirrored() -> None:
     assert banks[0] == pytest.approx(-banks[1], abs=1e-6)
 
 
-@pytest.mark.parametrize("steps_a_frame", [1, 50])
-def test_the_budget_of_a_frame_makes_no_difference_to_the_plan(steps_a_frame: int) -> None:
-    usual, other = planned(0.0), planned(0.0, steps_a_frame=steps_a_frame)
+@pytest.mark.parametrize("steps_a_frame_count", [1, 50])
+def test_the_budget_of_a_frame_makes_no_difference_to_the_plan(steps_a_frame_count: int) -> None:
+    usual, other = planned(0.0), planned(0.0, steps_a_frame_count=steps_a_frame_count)
     assert other.plan.tobytes() == usual.plan.tobytes()
     assert other.frames != usual.frames
 
