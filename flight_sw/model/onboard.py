@@ -15,7 +15,7 @@ from flight_sw.model.atmosphere import (
 from flight_sw.model.tables import bracket
 from flight_sw.records.fields import UNBOUNDED, Field, RecordSpec
 from flight_sw.records.types_ import F8, Record
-from flight_sw.runtime.jit import kernel
+from flight_sw.runtime.jit import kernel, seldom_kernel
 
 ALPHA_ROWS = 80
 MACH_ROWS = 16
@@ -220,7 +220,7 @@ def modelled_forces(
     forces["gravity_mps2"] = planet["mu_m3ps2"] / (radius_m * radius_m)
 
 
-@kernel
+@seldom_kernel
 def force_slopes(
     onboard: Record,
     atmosphere: Record,

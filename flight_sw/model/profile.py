@@ -14,7 +14,7 @@ import numpy as np
 
 from flight_sw.model.motion import PHI, RADIUS, V, jacobi_energy
 from flight_sw.records.types_ import F8, Record
-from flight_sw.runtime.jit import kernel
+from flight_sw.runtime.jit import kernel, seldom_kernel
 
 KNOTS_MAX = 12
 BREAKS_MAX = 2 * KNOTS_MAX
@@ -42,7 +42,7 @@ PROFILE = np.dtype(
 """A control profile; before its first knot and behind its last the control is held."""
 
 
-@kernel
+@seldom_kernel
 def merge_breaks(profile: Record) -> None:
     """Writes `breaks` from the knots of bank and angle of attack, each once."""
     i = 0
@@ -65,7 +65,7 @@ def merge_breaks(profile: Record) -> None:
     profile["n_breaks"] = n
 
 
-@kernel
+@seldom_kernel
 def index_of(profile: Record, planet: Record, x: F8, t_s: float) -> float:
     """The index at a state of shape (6,) and a time."""
     if profile["index_by"] == BY_TIME:
@@ -74,7 +74,7 @@ def index_of(profile: Record, planet: Record, x: F8, t_s: float) -> float:
     return (profile["index_speed_mps"] - math.sqrt(max(left, 0.0))) / profile["index_unit_mps"]
 
 
-@kernel
+@seldom_kernel
 def index_slopes(profile: Record, planet: Record, x: F8, motion: Record, out: F8) -> None:
     """Writes the index's partial derivatives by the state, shape (6,), into `out`.
 

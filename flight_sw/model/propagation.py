@@ -89,7 +89,7 @@ WORK = np.dtype(
 """Room for the stages of a step: the caller's, so that nothing is allocated."""
 
 
-@kernel
+@seldom_kernel
 def begin(path: Record, profile: Record, planet: Record, x: F8, t_s: float) -> None:
     """Puts a path to its start: state of shape (6,), no sensitivity, the first segments."""
     for i in range(N_STATES):
@@ -116,7 +116,7 @@ def _enter_segments(path: Record, profile: Record, index: float) -> None:
     path["alpha_segment"] = segment_at(profile["alpha_index"], np.int64(profile["n_alpha"]), index)
 
 
-@kernel
+@seldom_kernel
 def controls_of(path: Record, profile: Record, index: float) -> tuple[float, float, float, float]:
     """Angle of attack and bank on the path's segments at an index, and their slopes over it."""
     n_alpha, n_bank = np.int64(profile["n_alpha"]), np.int64(profile["n_bank"])
@@ -165,7 +165,7 @@ def _sensitivity_rates(
             work["by_knot_rate"][stage, i, k] = total
 
 
-@kernel
+@seldom_kernel
 def _excess_rates(
     onboard: Record, conditions: Record, profile: Record, work: Record, stage: int
 ) -> None:
@@ -206,7 +206,7 @@ def _stage(
     _excess_rates(onboard, conditions, profile, work, stage)
 
 
-@kernel
+@seldom_kernel
 def _put(path: Record, work: Record, step_s: float, stage: int, with_sensitivities: bool) -> None:
     """The path's start plus a step along one stage's rates, into `work`."""
     for i in range(N_STATES):
@@ -261,7 +261,7 @@ def _sum_sensitivities(path: Record, work: Record, sixth: float) -> None:
         )
 
 
-@kernel
+@seldom_kernel
 def _beyond(
     profile: Record, conditions: Record, planet: Record, path: Record, work: Record, step_s: float,
     what: int,
@@ -305,7 +305,7 @@ def _land(
     return now
 
 
-@kernel
+@seldom_kernel
 def advance(
     onboard: Record, atmosphere: Record, profile: Record, conditions: Record, path: Record,
     work: Record,
@@ -338,7 +338,7 @@ def advance(
     return ENDED if lands_on == TO_END else GOING
 
 
-@kernel
+@seldom_kernel
 def _commit(
     onboard: Record, profile: Record, conditions: Record, path: Record, work: Record, step_s: float
 ) -> None:

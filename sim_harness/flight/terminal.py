@@ -173,8 +173,8 @@ def terminal_errors(mission: Mission, state: State) -> TerminalErrors:
         state.v_rel_mps - target.speed_mps,
         math.degrees(state.lat_rad) - target.latitude_deg,
         math.remainder(math.degrees(state.lon_rad) - target.longitude_deg, FULL_TURN_DEG),
-        _beyond(math.degrees(state.flight_path_angle_rad), target.flight_path_angle_deg),
-        _beyond(math.degrees(state.heading_rad), target.heading_deg),
+        _beyond(math.degrees(state.flight_path_angle_rad), target.final_path_angle_deg),
+        _beyond(math.degrees(state.heading_rad), target.final_heading_deg),
     )
 
 

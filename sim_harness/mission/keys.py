@@ -249,10 +249,10 @@ class Target(Section):
         float, carried("NAV_VERTICAL", "alt_m", "km", "above the sphere of radius_km")
     ]
     speed_mps: Annotated[float, carried("NAV_VERTICAL", "v_rel_mps", "m/s", "relative speed")]
-    flight_path_angle_deg: Annotated[
+    final_path_angle_deg: Annotated[
         float | None, Quantity("deg", -90.0, 90.0, "none: its error is not told")
     ] = None
-    heading_deg: Annotated[
+    final_heading_deg: Annotated[
         float | None, Quantity("deg", -360.0, 360.0, "from north; none: its error is not told")
     ] = None
 

@@ -36,7 +36,8 @@ AGREED = {  # identifier: name, sender, cycle in ms
 }
 SUFFIX_OF_UNIT = {
     "rad": "_rad", "m": "_m", "m/s": "_mps", "m/s^2": "_mps2", "m/s^3": "_mps3",
-    "J/kg": "_jpkg", "W/m^2": "_wpm2", "W/(m^2 s)": "_wpm2ps", "s": "_s", "us": "_us", "rad s": "_rads",
+    "J/kg": "_jpkg", "W/m^2": "_wpm2", "W/(m^2 s)": "_wpm2ps", "s": "_s", "us": "_us",
+    "rad s": "_rads",
 }  # fmt: skip
 UNITS = set(SUFFIX_OF_UNIT.values())
 

@@ -1,6 +1,7 @@
 """Coefficients against the values they were identified from and tables against scipy."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -101,3 +102,35 @@ def test_heat_flux_laws_give_the_published_figures():
     # a law of other exponents, as for radiation
     other = heating(2.0, 4.0, 2.0, 100.0, 1.2, 8.0)
     assert heat_flux(other, 4.0, 200.0) == pytest.approx(2.0**1.2 * 256.0)
+
+
+def test_polynomials_are_those_of_their_powers_in_degrees_and_mach() -> None:
+    model = {
+        "model": "polynomial",
+        "lift_powers": [[-0.2, 0.01], [0.03, 0.0, 2e-6]],
+        "drag_powers": [[0.08], [-0.006], [6e-4, 1e-6], [1e-7]],
+    }
+    aero = world_of(plain_mission(vehicle__aerodynamics=model))[0]["aerodynamics"]
+    alpha_deg, mach = 27.5, 11.0
+    lift, drag = areas(aero, math.radians(alpha_deg), mach)
+    assert lift == pytest.approx(-0.2 + 0.01 * mach + alpha_deg * (0.03 + 2e-6 * mach**2))
+    expected = 0.08 - 0.006 * alpha_deg + alpha_deg**2 * (6e-4 + 1e-6 * mach) + 1e-7 * alpha_deg**3
+    assert drag == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("powers", "words"),
+    [
+        ([[0.01], [-0.001]], "gives C_D -0.08 at an angle of attack of 90 deg and Mach 0"),
+        ([[0.1, 0.0, 0.0, 0.0]], "drag_powers has 4 powers of Mach, allowed 3"),
+        ([[0.1]] * 5, "drag_powers has 5 lists, allowed 1 to 4 lists"),
+        ([], "drag_powers has 0 lists"),
+    ],
+)
+def test_polynomials_that_cannot_be_flown_are_refused(powers: object, words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        plain_mission(
+            vehicle__aerodynamics={
+                "model": "polynomial", "lift_powers": [[0.0]], "drag_powers": powers,
+            }
+        )  # fmt: skip

@@ -12,7 +12,7 @@ from flight_sw.model.motion import N_STATES
 from flight_sw.model.profile import PROFILE, index_of, on_line, segment_at
 from flight_sw.model.tables import bracket
 from flight_sw.records.types_ import F8, Record
-from flight_sw.runtime.jit import kernel
+from flight_sw.runtime.jit import kernel, seldom_kernel
 
 ROWS_MAX = 1536
 
@@ -52,7 +52,7 @@ def begin_rows(plan: Record) -> None:
     plan["n_rows"] = 0
 
 
-@kernel
+@seldom_kernel
 def add_row(plan: Record, planet: Record, x: F8, t_s: float) -> bool:
     """Takes one state of a flight ahead; False once there is no room.
 
@@ -71,7 +71,7 @@ def add_row(plan: Record, planet: Record, x: F8, t_s: float) -> bool:
     return True
 
 
-@kernel
+@seldom_kernel
 def look_up(plan: Record, index: float, out: Record) -> None:
     """The plan's state and controls at an index; beyond its ends those of the ends."""
     profile = plan["profile"]

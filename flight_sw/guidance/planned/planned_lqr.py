@@ -132,7 +132,7 @@ def _write_down(load: Record, design: Record, state: Record) -> None:
     state["stage"] = WRITING
 
 
-@kernel
+@seldom_kernel
 def _write_on(load: Record, design: Record, state: Record) -> None:
     """Some steps of the best flight, a row each; swaps the plan in where it is sound."""
     job = state["job"]
@@ -159,7 +159,7 @@ def _write_on(load: Record, design: Record, state: Record) -> None:
         return
 
 
-@kernel
+@seldom_kernel
 def plan_on(load: Record, state: Record) -> None:
     """The job's share of one minor frame."""
     design = load["law"]
@@ -175,7 +175,7 @@ def plan_on(load: Record, state: Record) -> None:
         _write_on(load, design, state)
 
 
-@kernel
+@seldom_kernel
 def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
     """Called in every minor frame of COAST: begins a job at the first fix, and goes on with it."""
     design = load["law"]
@@ -193,7 +193,7 @@ def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
     plan_on(load, state)
 
 
-@kernel
+@seldom_kernel
 def _track(load: Record, plan: Record, state: Record, t_s: float) -> None:
     tracker.compare(load["onboard"]["planet"], plan, load["law"]["tracker"], state["tracking"], t_s)
     tracker.correct(load["law"]["tracker"], state["tracking"], load["guidance_dt_s"])
@@ -223,7 +223,7 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     return status.SATURATED if own["is_limited"] == 1 else status.OK
 
 
-@kernel
+@seldom_kernel
 def _report(load: Record, state: Record, out: Record) -> None:
     """Telemetry in the order of TELEMETRY."""
     own, told = state["tracking"], out["telemetry"]

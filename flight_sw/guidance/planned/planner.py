@@ -126,7 +126,7 @@ JOB = np.dtype(
 """A plan in the making: its bytes are part of a checkpoint."""
 
 
-@kernel
+@seldom_kernel
 def start(load: Record, design: Record, profile: Record, job: Record, x: F8, t_s: float) -> None:
     """Begins a plan from a state of shape (6,): the profile's bank is the first guess."""
     job["stage"] = WORKING
@@ -155,7 +155,7 @@ def start(load: Record, design: Record, profile: Record, job: Record, x: F8, t_s
     begin(job["path"], job["profile"], load["onboard"]["planet"], job["start"], t_s)
 
 
-@kernel
+@seldom_kernel
 def work_on(load: Record, design: Record, job: Record) -> None:
     """At most `steps_a_frame_count` steps of the flight ahead."""
     for _ in range(np.int64(design["steps_a_frame_count"])):
@@ -207,7 +207,7 @@ def _end(job: Record, ending: int) -> None:
     job["stage"] = DONE
 
 
-@kernel
+@seldom_kernel
 def _search(load: Record, design: Record, job: Record) -> None:
     """Step length by a parabola through what is known of the squared error on the line.
 
@@ -238,7 +238,7 @@ def _search(load: Record, design: Record, job: Record) -> None:
     job["step_ratio"] = shorter
 
 
-@kernel
+@seldom_kernel
 def _accept(load: Record, design: Record, job: Record, ratio: float) -> None:
     """The trial becomes the best; ends the job if it is good, or takes Newton's next step."""
     profile, path = job["profile"], job["path"]
@@ -322,7 +322,7 @@ def _judge(load: Record, design: Record, job: Record) -> float:
     return total
 
 
-@kernel
+@seldom_kernel
 def _newton(design: Record, job: Record) -> bool:
     """Minimum-norm step of the free knots that removes the errors in first order.
 
@@ -354,7 +354,7 @@ def _newton(design: Record, job: Record) -> bool:
     return True
 
 
-@kernel
+@seldom_kernel
 def _to_scalars(job: Record, first: int, n_bank: int) -> None:
     """The errors and rows of the source: e_t and e_c, each of them one number."""
     error, jacobian = job["error"], job["jacobian"]

@@ -23,7 +23,7 @@ from flight_sw.model.profile import index_of
 from flight_sw.model.tables import between, locate
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
-from flight_sw.runtime.jit import kernel
+from flight_sw.runtime.jit import kernel, seldom_kernel
 
 GAIN_ROWS = 96
 ALONG, ACROSS = 4, 5  # places of the position errors in path axes
@@ -83,7 +83,7 @@ def take_state(planet: Record, nav: Record, x: Record) -> None:
     x[LAMBDA] = nav["lon_rad"]
 
 
-@kernel
+@seldom_kernel
 def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: float) -> None:
     """Where the vehicle stands on the plan, and how far from it."""
     x, planned = own["x"], own["reference"]["state"]
@@ -119,7 +119,7 @@ def _odd_ratio(design: Record, own: Record, row: int, share: float) -> float:
     return min(max(planned / made_for, -most), most)
 
 
-@kernel
+@seldom_kernel
 def correct(design: Record, own: Record, step_s: float) -> None:
     """Corrections of angle of attack and bank, limited; the integral goes on where they are not."""
     own["alpha_shift_rad"] = 0.0
