@@ -123,8 +123,8 @@ def test_polynomials_are_those_of_their_powers_in_degrees_and_mach() -> None:
     [
         ([[0.01], [-0.001]], "gives C_D -0.08 at an angle of attack of 90 deg and Mach 0"),
         ([[0.1, 0.0, 0.0, 0.0]], "drag_powers has 4 powers of Mach, allowed 3"),
-        ([[0.1]] * 5, "drag_powers has 5 lists, allowed 1 to 4 lists"),
-        ([], "drag_powers has 0 lists"),
+        ([[0.1]] * 5, "has 5 lists, allowed 1 to 4 lists"),
+        ([], "has 0 lists, allowed 1 to 4 lists"),
     ],
 )
 def test_polynomials_that_cannot_be_flown_are_refused(powers: object, words: str) -> None:
