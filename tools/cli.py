@@ -3,6 +3,8 @@
 Exit status: 0 done, 1 refused, 2 wrong usage, 130 interrupted.
 """
 
+import atexit
+import gc
 import signal
 import sys
 from pathlib import Path
@@ -61,6 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
     from flight_sw.runtime import program
 
     signal.signal(signal.SIGTERM, _end)
+    # At its end the interpreter searches all that is left for cycles: 0.6 s for 200,000 objects.
+    atexit.register(gc.freeze)
 
     def command() -> int:
         program.check_arguments(sys.argv[1:] if arguments is None else arguments)

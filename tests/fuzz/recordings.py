@@ -4,7 +4,10 @@ Most cases are damaged inside, with the checksums made right again: it is the in
 to hold then.
 """
 
+import contextlib
 import functools
+import io
+import json
 import random
 import re
 import struct
@@ -33,13 +36,14 @@ from sim_harness.telemetry.writer import CHECKSUM, MANIFEST, RecordingWriter, ch
 from tests.fuzz.children import Kind
 from tests.fuzz.mutate import COUNTS, NAMES, NUMBERS, mutated
 from tools.commands.info import _text as text_of_facts
+from tools.commands.replay import DIFFERS, replay
 from tools.commands.timing import _text as text_of_timing
 from tools.flight_facts import facts
 from tools.flight_tables import export
 from tools.flight_timing import read_timing
-from tools.replaying import replayed
 
 FLIGHT = Path(__file__).parents[1] / "replay" / "flights" / "real-time-with-ticks.mcap"
+OTHER_LOAD = Path(__file__).parents[2] / "gains" / "hyperion-1" / "sag.load"
 FRAMES = 400
 RECORD = struct.Struct("<BQ")
 KEPT_MESSAGES = ("FSW_STATUS", "FSW_COMMAND", "NAV_TIME", "FSW_BOOT", "RX_HEALTH_C")
@@ -209,9 +213,25 @@ def read_recording(data: bytes, folder: Path) -> None:
         raise refused
 
 
+def _not_json(name: str) -> None:
+    raise AssertionError(f"told as a number in JSON: {name}")
+
+
 def read_replay(data: bytes, folder: Path) -> None:
-    """What `replay` makes of it."""
-    replayed(_put(data, folder))
+    """What `replay` makes of it, alone or against another load, as text and as JSON."""
+    path, shown = _put(data, folder), io.StringIO()
+    other = OTHER_LOAD if len(data) % 3 == 0 else None
+    out = folder / ("out.csv" if len(data) % 2 else "out.parquet") if other else None
+    as_json = len(data) % 4 < 2
+    try:
+        with contextlib.redirect_stdout(shown):
+            replay(path, other, out, as_json=as_json)
+    except SystemExit as ended:  # commands differ, and the text says where
+        assert ended.code == DIFFERS
+    finally:
+        _check_shown(shown.getvalue())
+        if as_json and shown.getvalue():
+            json.loads(shown.getvalue(), parse_constant=_not_json)
 
 
 @functools.cache

@@ -9,7 +9,7 @@ from tests.fuzz.children import failures, failures_of_files
 HERE = "tests.fuzz.recordings"
 KINDS = ("RECORDINGS", "JOURNALS", "DBCS")
 FOUND = Path(__file__).parent / "found"
-CASES, MANY = 1000, 100_000
+CASES, FLIGHTS, MANY = 1000, 200, 100_000
 CHECKED = {"NUMBA_BOUNDSCHECK": "1"}
 
 pytestmark = pytest.mark.jit_only
@@ -23,6 +23,10 @@ def test_a_thousand_damaged_ones_hurt_nothing(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["RECORDINGS", "JOURNALS"])
 def test_no_kernel_reads_beyond_its_bounds(kind: str) -> None:
     assert failures(f"{HERE}:{kind}", range(CASES, CASES + 300), environment=CHECKED) == []
+
+
+def test_hundreds_of_damaged_flights_are_replayed_or_refused() -> None:
+    assert failures(f"{HERE}:REPLAYS", range(CASES, CASES + FLIGHTS)) == []
 
 
 @pytest.mark.slow

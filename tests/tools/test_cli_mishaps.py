@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.jit_only, pytest.mark.alone]
 
 ROOT = Path(__file__).parents[2]
 WITHIN_S = 1.0  # from the mishap until the program has ended, its files closed
-EXIT_S = 1.5  # what the interpreter takes to leave on a busy machine
+EXIT_S = 0.7  # what the interpreter takes to leave on a busy machine
 IN_FLIGHT_BYTES = 300_000  # of the recording: some seconds of flight
 START_TIMEOUT_S = 200.0  # of a first run that has to compile
 
