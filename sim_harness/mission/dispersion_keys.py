@@ -148,7 +148,9 @@ def grouped(raw: Any) -> Any:
             continue
         options = {k: v for k, v in table.items() if k in OPTIONS}
         spreads = _entries({k: v for k, v in table.items() if k not in OPTIONS})
-        sets[name] = {**options, "keys": {**options.get("keys", {}), **spreads}}
+        own = options.get("keys", {})
+        # what is no table stays as it is, and is refused where the keys are checked
+        sets[name] = {**options, "keys": {**own, **spreads} if isinstance(own, dict) else own}
     return sets
 
 
