@@ -75,7 +75,7 @@ def test_a_target_or_a_limit_out_of_reach_is_told_by_how_much(
     ("entry", "target"),
     [
         ({"longitude_deg": 150.0}, {"longitude_deg": -145.3}),  # across the date line
-        ({"latitude_deg": -3.0, "heading_deg": 80.0}, {"latitude_deg": 13.0}),  # to the north
+        ({"latitude_deg": 12.0}, {}),  # from the other hemisphere
     ],
 )
 def test_a_plan_crosses_the_date_line_and_the_equator(

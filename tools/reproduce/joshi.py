@@ -12,7 +12,6 @@ import numpy as np
 
 from flight_sw.load_image import activate, parse_image
 from flight_sw.model.motion import jacobi_energy
-from sim_harness.world.missions import load_mission
 from tools.campaign.job import Flyer, Run, job_of
 from tools.gains.planned.offline import fix_at_entry, iterations_of, plan_offline
 from tools.overrides import prepare
@@ -101,19 +100,7 @@ def _planned(latitude_deg: float, settings: tuple[str, ...]) -> Any:
     """The job of a plan from the design's first guess."""
     prepared = prepare(MISSION, LAW, [f"entry.latitude_deg={latitude_deg:g}", *settings], None)
     load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
-    guess = guess_rad()
-    load["law"]["stored"]["profile"]["bank_rad"][0, : guess.size] = guess
     return plan_offline(load, fix_at_entry(prepared.mission)).job[0]
-
-
-def guess_rad() -> np.ndarray:
-    """The first guess of the shipped design."""
-    from tools.gains.design import design_of, read_tree
-    from tools.gains.planned.choices import Plan
-
-    path = load_mission(MISSION).gains_folder / "design.toml"
-    choice = design_of(read_tree(path), str(path)).table(Plan, "plan", LAW)
-    return np.radians(choice.bank_deg)
 
 
 def final_energy_jpkg(entry: str, settings: tuple[str, ...]) -> float:

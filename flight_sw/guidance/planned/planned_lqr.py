@@ -90,6 +90,7 @@ DESIGN = RecordSpec(
     Field("plans_onboard", 0, 1, "0: the load's plan is flown", kind="u4"),
     Field("planner", record=planner.PLANNER),
     Field("tracker", record=tracker.TRACKER),
+    Field("guess", record=PROFILE_SPEC),
     Field("stored", record=PLAN_SPEC),
 )
 STATE = RecordSpec(
@@ -184,7 +185,7 @@ def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
             return
         tracker.take_state(load["onboard"]["planet"], nav, state["tracking"]["x"])
         planner.start(
-            load, design["planner"], design["stored"]["profile"], state["job"],
+            load, design["planner"], design["guess"], state["job"],
             state["tracking"]["x"], nav["t_s"],
         )  # fmt: skip
         state["started_s"] = nav["t_s"]

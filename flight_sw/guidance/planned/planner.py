@@ -47,7 +47,7 @@ from flight_sw.runtime.jit import kernel, seldom_kernel
 
 ROWS = 4  # latitude, longitude, bank at the end, root of the excess
 AT_PHI, AT_LAMBDA, AT_BANK, AT_EXCESS = range(ROWS)
-STEPS_MAX = 4096  # of one flight ahead
+STEPS_MAX = 1500  # of one flight ahead: fewer than a plan has rows
 ITERATIONS_MAX = 40
 TRIALS_MAX = 6  # of step lengths in an iteration
 FULL_STEP_RATIO = 0.5  # of the squared error: a full step that leaves less is not searched further
@@ -74,6 +74,7 @@ PLANNER = RecordSpec(
     Field("steps_a_frame_count", 1, STEPS_MAX, "in one minor frame", kind="u4"),
     Field("iterations_max", 1, ITERATIONS_MAX, "of Newton's", kind="u4"),
     Field("literal", 0, 1, "1: on e_t and e_c alone, as in the source", kind="u4"),
+    Field("bank_max_rad", 0.0, math.pi, "planned, either side"),
     Field("first_free_knot", 0, KNOTS_MAX - 1, "of the bank; those before are given", kind="u4"),
 )
 
@@ -189,15 +190,17 @@ def _flown(load: Record, design: Record, job: Record, ended: bool) -> None:
     else:
         _search(load, design, job)
     if job["stage"] == WORKING:
-        _try_ratio(load, job)
+        _try_ratio(load, design, job)
 
 
 @kernel
-def _try_ratio(load: Record, job: Record) -> None:
-    """The flight ahead with the bank a step length from the best."""
+def _try_ratio(load: Record, design: Record, job: Record) -> None:
+    """The flight ahead with the bank a step length from the best, within its bound."""
     profile = job["profile"]
+    most = design["bank_max_rad"]
     for k in range(KNOTS_MAX):
-        profile["bank_rad"][k] = job["best_bank_rad"][k] + job["step_ratio"] * job["step_rad"][k]
+        bank = job["best_bank_rad"][k] + job["step_ratio"] * job["step_rad"][k]
+        profile["bank_rad"][k] = min(max(bank, -most), most)
     begin(job["path"], profile, load["onboard"]["planet"], job["start"], job["start_s"])
 
 

@@ -45,6 +45,9 @@ class Plan(Section):
     ] = 1.0
     alpha_index: Annotated[tuple[float, ...], knots("of the angle of attack's knots")]
     alpha_deg: Annotated[tuple[float, ...], angles("at them, as planned")]
+    bank_max_deg: Annotated[
+        float, loaded(planner.PLANNER, "bank_max_rad", "deg", "planned, either side")
+    ] = 120.0
     end_bank_deg: Annotated[
         float, loaded(planner.PLANNER, "end_bank_rad", "deg", "wanted at the end")
     ] = 0.0

@@ -64,6 +64,7 @@ def fill_planner(record: Record, choice: Plan, mission: Mission) -> None:
     record["target_lat_rad"] = math.radians(target.latitude_deg)
     record["target_lon_rad"] = math.remainder(math.radians(target.longitude_deg), 2.0 * math.pi)
     record["end_alt_m"] = target.altitude_km * 1e3
+    record["bank_max_rad"] = math.radians(choice.bank_max_deg)
     record["end_bank_rad"] = math.radians(choice.end_bank_deg)
     limit_wpm2 = mission.limits.heat_flux_max_kwpm2 * 1e3
     record["heat_flux_limit_wpm2"] = limit_wpm2 * choice.heat_flux_margin_ratio
@@ -117,7 +118,8 @@ def fill_planned_lqr(
     top_m = mission.entry.altitude_km * 1e3 + AIR_ABOVE_ENTRY_M
     body["atmosphere"] = smooth_air(body["atmosphere"], top_m, choice.air_step_km * 1e3)[0]
     fill_planner(record["planner"], choice, mission)
-    fill_profile(record["stored"]["profile"], choice)
+    fill_profile(record["guess"], choice)
+    record["stored"]["profile"] = record["guess"]
     found = ground_plan(body, mission)
     _store(record["stored"], found)
     told = fill_gains(record["tracker"], body, found.plan[0], tracking)

@@ -25,15 +25,12 @@ def load() -> np.ndarray:
     return activate(read_image(GAINS / "rlv" / "planned-lqr.load"))
 
 
-GUESS_DEG = (0.0, 82.0, 80.0, 70.0, 5.0, -45.0, -50.0, 0.0)  # gains/rlv/design.toml
-
-
-def planned(latitude_deg: float, from_guess: bool = False, **design: float) -> Planned:
-    """A plan from the ground's plan, or from the design's first guess."""
+def planned(latitude_deg: float, from_guess: bool = True, **design: float) -> Planned:
+    """A plan from the design's first guess, or from the ground's plan."""
     mission = load_mission("rlv", {"entry.latitude_deg": latitude_deg})
     changed = load().copy()
-    if from_guess:
-        changed["law"]["stored"]["profile"]["bank_rad"][0, : len(GUESS_DEG)] = np.radians(GUESS_DEG)
+    if not from_guess:
+        changed["law"]["guess"] = changed["law"]["stored"]["profile"]
     for name, value in design.items():
         changed["law"]["planner"][name] = value
     return plan_offline(changed, fix_at_entry(mission))
@@ -72,7 +69,7 @@ def test_the_mirror_image_is_planned_with_the_bank_mirrored() -> None:
     back["lat_rad"] = -there["lat_rad"]
     back["heading_rad"] = math.pi - there["heading_rad"]
     left["law"]["planner"]["target_lat_rad"] *= -1.0
-    left["law"]["stored"]["profile"]["bank_rad"] *= -1.0
+    left["law"]["guess"]["bank_rad"] *= -1.0
     one, other = plan_offline(right, there), plan_offline(left, back)
     assert planner.ENDINGS[one.plan["ending"][0]] == "converged"
     banks = [found.plan["profile"]["bank_rad"][0] for found in (one, other)]
