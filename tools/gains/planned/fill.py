@@ -15,10 +15,17 @@ from sim_harness.mission.mission import Mission
 from sim_harness.world import atmosphere
 from tools.gains.planned.choices import Plan, Tracker
 from tools.gains.planned.gain_table import fill_gains
-from tools.gains.planned.offline import Planned, fix_at_entry, iterations_of, plan_offline
-from tools.gains.rounding import rounded
+from tools.gains.planned.offline import (
+    Planned,
+    fix_at_entry,
+    iterations_of,
+    plan_offline,
+    with_banks,
+)
 from tools.gains.schema import CommonDesign
 
+BANK_DIGITS = 6  # of a radian: where plans of all processors agree
+COARSE_DIGITS = 3
 HEAT_FLUX_UNIT_WPM2 = 1e4  # e_c in (W/cm2)^2 s, as in the source
 AIR_LOW_M, AIR_ABOVE_ENTRY_M = -2000.0, 20e3
 
@@ -92,7 +99,14 @@ def ground_plan(body: Record, mission: Mission) -> Planned:
             f"{mission.path.name}: the first guess of [plan] cannot be flown from the entry down "
             f"to {float(body['law']['planner']['end_alt_m']) / 1e3:g} km"
         )
-    return found
+    # What Newton's steps end with differs between processors by more than round-off.
+    banks_rad = np.round(found.plan["profile"]["bank_rad"][0], BANK_DIGITS)
+    return with_banks(load, found, banks_rad)
+
+
+def coarse(value: float) -> float:
+    """A number that hangs on small differences, to the digits that every processor gives."""
+    return float(f"{value:z.{COARSE_DIGITS - 1}e}")
 
 
 def _store(record: Record, found: Planned) -> None:
@@ -100,10 +114,10 @@ def _store(record: Record, found: Planned) -> None:
     plan = found.plan[0]
     record["ending"], record["iterations"] = plan["ending"], plan["iterations"]
     for name in ("target_error", "excess", "heat_flux_peak_wpm2", "duration_s"):
-        record[name] = rounded(float(plan[name]))
+        record[name] = coarse(float(plan[name]))
     record["flights"], n = plan["flights"], int(plan["n_rows"])
     record["n_rows"] = n
-    record["profile"]["bank_rad"] = [rounded(float(v)) for v in plan["profile"]["bank_rad"]]
+    record["profile"]["bank_rad"] = plan["profile"]["bank_rad"]
     record["index"][:n] = plan["index"][:n]
     record["state"][:n] = plan["state"][:n]
 
@@ -126,6 +140,6 @@ def fill_planned_lqr(
     record["plans_onboard"] = choice.onboard == "yes"
     ending = planner.ENDINGS[int(found.plan["ending"][0])]
     steps = [
-        {key: rounded(value) for key, value in step.items()} for step in iterations_of(found.job[0])
+        {key: coarse(value) for key, value in step.items()} for step in iterations_of(found.job[0])
     ]
     return {"plan": {"ending": ending, "iterations": steps}, **told}

@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flight_sw.guidance.planned import planned_lqr, planner
-from flight_sw.guidance.planned.plan import PLAN
+from flight_sw.guidance.planned.plan import PLAN, add_row, begin_rows
 from flight_sw.model.motion import STATES
+from flight_sw.model.propagation import ENDED, GOING, advance, begin
 from flight_sw.records.dictionary import NAV
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.jit import kernel
@@ -40,6 +41,34 @@ def _plan(loads: Any, states: Any, navs: Any) -> int:
         if state["stage"] in (planned_lqr.IN_FORCE, planned_lqr.FAILED):
             return frame + 1
     return FRAMES_MAX
+
+
+@kernel
+def _write_rows(loads: Any, jobs: Any, plans: Any) -> bool:
+    """Flies a plan's own profile from the job's start and writes its rows anew."""
+    load, job, plan = loads[0], jobs[0], plans[0]
+    planet = load["onboard"]["planet"]
+    job["conditions"]["has_sensitivities"] = 0
+    begin_rows(plan)
+    begin(job["path"], plan["profile"], planet, job["start"], job["start_s"])
+    add_row(plan, planet, job["path"]["x"], job["start_s"])
+    for _ in range(planner.STEPS_MAX):
+        code = advance(
+            load["onboard"], load["atmosphere"], plan["profile"], job["conditions"], job["path"],
+            job["work"],
+        )  # fmt: skip
+        if not add_row(plan, planet, job["path"]["x"], job["path"]["t_s"]):
+            return False
+        if code != GOING:
+            return code == ENDED
+    return False
+
+
+def with_banks(load: Rows, found: Planned, banks_rad: npt.NDArray[np.float64]) -> Planned:
+    """A plan with other banks at its knots, its rows flown anew; all have shape (1,)."""
+    plan, job = found.plan.copy(), found.job.copy()
+    plan["profile"]["bank_rad"] = banks_rad
+    return found._replace(plan=plan) if _write_rows(load, job, plan) else found
 
 
 def fix_at_entry(mission: Mission) -> Rows:
