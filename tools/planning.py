@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flight_sw.errors import FlightError
-from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.guidance.planned import plan_job, planned_lqr
 from flight_sw.guidance.planned.plan import REFERENCE, look_up
 from flight_sw.load_image import activate, parse_image
 from flight_sw.model.motion import MOTION, N_STATES, motion_rates
-from flight_sw.model.propagation import flux_of
+from flight_sw.model.onboard import heat_flux
 from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
 from tools.gains.planned.offline import (
@@ -52,12 +52,12 @@ class Told(NamedTuple):
         """How the planner ended."""
         if self.planned.stage == planned_lqr.FAILED:
             return "failed"
-        return planner.ENDINGS[int(self.planned.job["ending"][0])]
+        return plan_job.ENDINGS[int(self.planned.job["ending"][0])]
 
     @property
     def is_good(self) -> bool:
         """Whether the plan ends at the target within the design's bars."""
-        return self.ending == planner.ENDINGS[planner.CONVERGED]
+        return self.ending == plan_job.ENDINGS[plan_job.CONVERGED]
 
     def missed(self) -> dict[str, float]:
         """By how much the plan misses the target."""
@@ -87,7 +87,7 @@ def columns_of(load: Record, plan: Record) -> dict[str, np.ndarray]:
         motion_rates(load["onboard"], load["atmosphere"], x, alpha, bank, motion[0])
         rho = float(motion["forces"]["rho_kgpm3"][0])
         extra["alpha_rad"][i], extra["bank_rad"][i] = alpha, bank
-        extra["heat_flux_wpm2"][i] = flux_of(load["onboard"], rho, float(x[0]))
+        extra["heat_flux_wpm2"][i] = heat_flux(load["onboard"], rho, float(x[0]))
         extra["alt_m"][i] = x[3] - float(load["onboard"]["planet"]["radius_m"])
     return {**found, **extra}
 

@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 
+from flight_sw.model.angles import away_from_zero
 from flight_sw.model.onboard import FORCE_SLOPES, force_slopes
 from flight_sw.records.types_ import F8, Record
 from flight_sw.runtime.jit import kernel, seldom_kernel
@@ -47,20 +48,6 @@ MOTION = np.dtype(
     align=True,
 )
 """Where rates and partial derivatives are put: the caller's, so that nothing is allocated."""
-
-
-@kernel
-def away_from_zero(x: float, floor: float) -> float:
-    """x, or the floor with the sign of x where x is smaller."""
-    if x >= 0.0:
-        return max(x, floor)
-    return min(x, -floor)
-
-
-@kernel
-def nearest_turn(angle_rad: float) -> float:
-    """The same direction between -pi and pi."""
-    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
 
 
 @kernel

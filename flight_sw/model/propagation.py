@@ -25,6 +25,7 @@ from flight_sw.model.motion import (
     motion_partials,
     motion_rates,
 )
+from flight_sw.model.onboard import heat_flux
 from flight_sw.model.profile import (
     KNOTS_MAX,
     index_of,
@@ -129,17 +130,6 @@ def controls_of(path: Record, profile: Record, index: float) -> tuple[float, flo
     return alpha, bank, alpha_slope, bank_slope
 
 
-@kernel
-def flux_of(onboard: Record, rho_kgpm3: float, v_mps: float) -> float:
-    """Heat flux of the load's law; 0 without air or motion."""
-    heating = onboard["heating"]
-    if rho_kgpm3 <= 0.0 or v_mps <= 0.0:
-        return 0.0
-    return heating["coefficient"] * math.exp(
-        heating["rho_exponent"] * math.log(rho_kgpm3) + heating["v_exponent"] * math.log(v_mps)
-    )
-
-
 @seldom_kernel
 def _sensitivity_rates(
     onboard: Record, profile: Record, path: Record, work: Record, stage: int, index: float
@@ -172,7 +162,7 @@ def _excess_rates(
     """Rates of the squared excess of heat flux and of its sensitivities at a stage."""
     forces = work["motion"]["forces"]
     v = work["x"][V]
-    flux = flux_of(onboard, forces["rho_kgpm3"], v)
+    flux = heat_flux(onboard, forces["rho_kgpm3"], v)
     excess = max(flux - conditions["heat_flux_limit_wpm2"], 0.0) / conditions["heat_flux_unit_wpm2"]
     work["excess_rate"][stage] = excess * excess
     if conditions["has_sensitivities"] == 0:
@@ -344,7 +334,7 @@ def _commit(
 ) -> None:
     """The end of the step becomes where the path stands."""
     forces = work["motion"]["forces"]
-    flux = flux_of(onboard, forces["rho_kgpm3"], work["x"][V])
+    flux = heat_flux(onboard, forces["rho_kgpm3"], work["x"][V])
     path["heat_flux_peak_wpm2"] = max(path["heat_flux_peak_wpm2"], flux)
     path["t_s"] += step_s
     path["steps"] += 1

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from flight_sw.model.angles import wrapped
 from flight_sw.reception import plausibility as gate
 from flight_sw.reception.receiver import COUNTER_MASK
 from flight_sw.records.dictionary import NAV
@@ -98,8 +99,8 @@ def surprise(load: Record, state: Record, slot: int, values: F8) -> float:
     if slot == gate.AERO:
         return abs(values[gate.DRAG] - nav["drag_mps2"]) + abs(values[gate.LIFT] - nav["lift_mps2"])
     if slot == gate.ATTITUDE:
-        bank_rad = gate.wrapped(values[gate.BANK] - state["bank_limiter"]["command_rad"])
-        alpha_rad = gate.wrapped(values[gate.ALPHA] - state["alpha_limiter"]["command_rad"])
+        bank_rad = wrapped(values[gate.BANK] - state["bank_limiter"]["command_rad"])
+        alpha_rad = wrapped(values[gate.ALPHA] - state["alpha_limiter"]["command_rad"])
         return abs(bank_rad) + abs(alpha_rad)
     return abs(values[gate.HEAT_FLUX] - nav["heat_flux_wpm2"])
 

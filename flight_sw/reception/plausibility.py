@@ -13,6 +13,7 @@ keep the right one out.
 import math
 
 from flight_sw import icd
+from flight_sw.model.angles import wrapped
 from flight_sw.model.atmosphere import density
 from flight_sw.model.onboard import heat_flux, modelled_forces
 from flight_sw.records.fields import Field, RecordSpec
@@ -41,7 +42,6 @@ HEAT_FLUX = icd.value_index("NAV_HEATING", "heat_flux_wpm2")
 T = icd.value_index("NAV_TIME", "t_s")
 
 TIME_SLACK_CYCLES = 16.0  # time messages that may be lost before the next one looks false
-INSIDE_RAD = 3.0  # an angle within it is what wrapping it gives, bit for bit
 
 GATES = RecordSpec(
     "gates",
@@ -67,14 +67,6 @@ GATES = RecordSpec(
 )
 
 Vector = tuple[float, float, float]
-
-
-@kernel
-def wrapped(angle_rad: float) -> float:
-    """The same angle within +-pi."""
-    if abs(angle_rad) <= INSIDE_RAD:
-        return angle_rad
-    return angle_rad - math.tau * math.floor((angle_rad + math.pi) / math.tau)
 
 
 @kernel

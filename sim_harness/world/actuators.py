@@ -13,9 +13,9 @@ Limits: the angle moves linearly within a frame.
 
 import math
 
+from flight_sw.model.angles import wrapped
 from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
-from sim_harness.world.motion import wrapped
 
 
 @kernel

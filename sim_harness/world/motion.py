@@ -14,6 +14,7 @@ frame's step cannot follow the heading past a pole it misses by less than about 
 
 import math
 
+from flight_sw.model.angles import away_from_zero, wrapped
 from flight_sw.records.types_ import Record
 from sim_harness.jit import kernel
 from sim_harness.world.air import air_loads
@@ -24,14 +25,6 @@ COS_FPA_MIN = 1e-4  # floor on cos(flight-path angle): acts within 0.006 deg of 
 V_MIN_MPS = 1.0  # floor on the speed that divides the turn rates
 
 Rates = tuple[float, float, float, float, float, float, float]
-
-
-@kernel
-def away_from_zero(x: float, floor: float) -> float:
-    """x, or the floor with the sign of x where x is smaller."""
-    if x >= 0.0:
-        return max(x, floor)
-    return min(x, -floor)
 
 
 @kernel
@@ -97,14 +90,6 @@ def folded(lat_rad: float, fpa_rad: float) -> tuple[float, float, float, float]:
         fpa_rad = math.copysign(math.pi, fpa_rad) - fpa_rad
         heading_turn = math.pi - heading_turn
     return lat_rad, fpa_rad, lon_turn, heading_turn
-
-
-@kernel
-def wrapped(angle_rad: float) -> float:
-    """The same direction between -pi and pi; untouched when it is there already, or not finite."""
-    if abs(angle_rad) <= math.pi or not math.isfinite(angle_rad):
-        return angle_rad
-    return angle_rad - 2.0 * math.pi * math.floor((angle_rad + math.pi) / (2.0 * math.pi))
 
 
 @kernel

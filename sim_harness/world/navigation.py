@@ -15,7 +15,7 @@ import numpy as np
 
 from flight_sw import icd
 from flight_sw.icd import value_index
-from flight_sw.reception.plausibility import wrapped
+from flight_sw.model.angles import wrapped
 from flight_sw.records.types_ import F8, Record
 from sim_harness.jit import kernel
 from sim_harness.world import noise

@@ -6,6 +6,7 @@ the forces take the angle of mid-frame, which keeps the step second order in the
 
 import math
 
+from flight_sw.model.angles import wrapped
 from flight_sw.model.atmosphere import sound_speed
 from flight_sw.model.great_circle import range_flown
 from flight_sw.records.types_ import Record
@@ -14,7 +15,7 @@ from sim_harness.world.actuators import follow, is_ideal
 from sim_harness.world.aerodynamics import follows_mach, true_areas
 from sim_harness.world.air import aero_accelerations, airspeed, true_density
 from sim_harness.world.heating import heat_flux
-from sim_harness.world.motion import step, wrapped
+from sim_harness.world.motion import step
 from sim_harness.world.planet.gravity import haversine_m, jacobi_energy
 from sim_harness.world.records import (
     END_CONDITION,

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from flight_sw import icd
 from flight_sw.computer import new_state
+from flight_sw.model.angles import wrapped
 from flight_sw.reception import plausibility as gate
-from flight_sw.reception.plausibility import plausible, unit_position, wrapped
+from flight_sw.reception.plausibility import plausible, unit_position
 from tests.system.flights import built
 
 DT_S = 0.02

@@ -46,7 +46,7 @@ PURE = {
     "x", "x_rate", "rate", "by_state", "by_control", "state", "start", "slopes", "k_alpha",
     "k_bank", "by_knot", "by_knot_rate",
     # of a planner: squares and weighted errors, and what they change by
-    "error", "jacobian", "rows", "merit", "trial_merit", "kept_merit", "target_error", "excess",
+    "error", "jacobian", "rows", "merit", "best_error", "best_jacobian", "target_error", "excess",
     "target_error_max", "excess_max", "excess_rate", "excess_by_knot", "excess_by_knot_rate",
     # places on the axis of a profile
     "index", "breaks",

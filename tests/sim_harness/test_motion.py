@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from flight_sw.model.angles import wrapped
 from sim_harness.world import motion
 from sim_harness.world.assembly import truth_of, world_of
 from tests.sim_harness.cartesian_twin import Twin, planet_fixed
@@ -181,13 +182,13 @@ def test_turn_rates_stay_finite_at_rest():
 @pytest.mark.parametrize("turns", [-3, -1, 0, 1, 2])
 @pytest.mark.parametrize("angle_rad", [-3.1, -0.5, 0.0, 2.0, 3.1])
 def test_wrapped_angle_is_the_same_direction(angle_rad, turns):
-    assert motion.wrapped(angle_rad + turns * 2.0 * math.pi) == pytest.approx(angle_rad, abs=1e-14)
+    assert wrapped(angle_rad + turns * 2.0 * math.pi) == pytest.approx(angle_rad, abs=1e-14)
 
 
 @pytest.mark.parametrize("angle_rad", [math.pi, -math.pi, 3.0])
 def test_wrapping_leaves_an_angle_in_range_alone(angle_rad):
-    assert motion.wrapped(angle_rad) == angle_rad
-    assert math.isnan(motion.wrapped(math.nan))
+    assert wrapped(angle_rad) == angle_rad
+    assert math.isnan(wrapped(math.nan))
 
 
 @pytest.mark.parametrize("lat_rad", [1.6, -1.6, 0.3])

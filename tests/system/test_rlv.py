@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flight_sw.guidance.planned.plan_job import ENDINGS
 from flight_sw.guidance.planned.planned_lqr import FROM_JOB, FROM_LOAD, IN_FORCE, SEEKING
-from flight_sw.guidance.planned.planner import ENDINGS
 from tests.system.flights import Computer, World, shipped
 from tools.reproduce.joshi import CASES_DEG, CORNERS, Case, flown
 

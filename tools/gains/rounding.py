@@ -3,6 +3,6 @@
 SIGNIFICANT_DIGITS = 9  # of what is stored of a solved flight or a gain
 
 
-def rounded(value: float) -> float:
-    """The value to the digits that are stored."""
-    return float(f"{value:z.{SIGNIFICANT_DIGITS - 1}e}")
+def rounded(value: float, digits: int = SIGNIFICANT_DIGITS) -> float:
+    """The value to the significant digits that are stored."""
+    return float(f"{value:z.{digits - 1}e}")

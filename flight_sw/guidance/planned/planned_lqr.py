@@ -13,14 +13,14 @@ import math
 
 import numpy as np
 
-from flight_sw.guidance.planned import planner, tracker
+from flight_sw.guidance.planned import plan_job, planner, tracker
 from flight_sw.guidance.planned.plan import PLAN, ROWS_MAX, add_row, begin_rows, is_sound
-from flight_sw.model.motion import N_STATES
+from flight_sw.model.motion import N_STATES, RADIUS, V
 from flight_sw.model.profile import BREAKS_MAX, KNOTS_MAX, PROFILE
 from flight_sw.model.propagation import ENDED, GOING, advance, begin
 from flight_sw.records import status
 from flight_sw.records.fields import Field, RecordSpec
-from flight_sw.records.types_ import Record
+from flight_sw.records.types_ import F8, Record
 from flight_sw.runtime.jit import kernel, seldom_kernel
 
 PLANNING, OPEN_LOOP, TRACKING = 0, 1, 2
@@ -41,6 +41,10 @@ TELEMETRY = (
     "plan_target_error",
     "plan_excess",
 )
+(
+    PLAN_INDEX, PLAN_ALONG, PLAN_ACROSS, PLAN_ALT, PLAN_V, PLAN_BANK, PLAN_INTEGRAL, PLAN_STAGE,
+    PLAN_ENDING, PLAN_SOURCE, PLAN_ITERATIONS, PLAN_FLIGHTS, PLAN_TARGET_ERROR, PLAN_EXCESS,
+) = range(len(TELEMETRY))  # fmt: skip
 FIRST_PHASE = dict.fromkeys(
     ("plan_along_error_m", "plan_across_error_m", "plan_alt_error_m", "plan_v_error_mps"), TRACKING
 )
@@ -74,8 +78,8 @@ PLAN_SPEC = RecordSpec.of(
     PLAN,
     Field("profile", record=PROFILE_SPEC),
     Field("n_rows", 2, ROWS_MAX, kind="i8"),
-    Field("ending", 0, len(planner.ENDINGS) - 1, kind="u4"),
-    Field("iterations", 0, planner.ITERATIONS_MAX, kind="u4"),
+    Field("ending", 0, len(plan_job.ENDINGS) - 1, kind="u4"),
+    Field("iterations", 0, plan_job.ITERATIONS_MAX, kind="u4"),
     Field("flights", 0, 1e6, kind="u4"),
     Field("target_error", 0.0, 1e30),
     Field("excess", 0.0, 1e30),
@@ -88,7 +92,7 @@ PLAN_SPEC = RecordSpec.of(
 DESIGN = RecordSpec(
     "planned_lqr",
     Field("plans_onboard", 0, 1, "0: the load's plan is flown", kind="u4"),
-    Field("planner", record=planner.PLANNER),
+    Field("planner", record=plan_job.PLANNER),
     Field("tracker", record=tracker.TRACKER),
     Field("guess", record=PROFILE_SPEC),
     Field("stored", record=PLAN_SPEC),
@@ -100,7 +104,7 @@ STATE = RecordSpec(
     Field("in_force", kind="u4", why="which of the two plans, where the job's is flown"),
     Field("failed_jobs", kind="u4"),
     Field("started_s"),
-    Field("job", kind=planner.JOB),
+    Field("job", kind=plan_job.JOB),
     Field("plans", kind=PLAN, shape=(2,)),
     Field("tracking", kind=tracker.TRACKING),
 )
@@ -115,11 +119,9 @@ def _write_down(load: Record, design: Record, state: Record) -> None:
     for k in range(KNOTS_MAX):
         plan["profile"]["bank_rad"][k] = job["best_bank_rad"][k]
         job["profile"]["bank_rad"][k] = job["best_bank_rad"][k]
-    told = job["trace"][job["iteration"]]
-    if job["trials"] > 0 and job["ending"] != planner.CONVERGED:
-        told = job["trace"][max(np.int64(job["iteration"]) - 1, 0)]
+    told = job["trace"][job["best"]]
     plan["ending"] = job["ending"]
-    plan["iterations"] = job["iteration"]
+    plan["iterations"] = job["best"]
     plan["flights"] = job["flights"]
     plan["target_error"] = told["target_error"]
     plan["excess"] = told["excess"]
@@ -166,7 +168,7 @@ def plan_on(load: Record, state: Record) -> None:
     design = load["law"]
     if state["stage"] == SEEKING:
         planner.work_on(load, design["planner"], state["job"])
-        if state["job"]["stage"] == planner.DONE:
+        if state["job"]["stage"] == plan_job.DONE:
             if state["job"]["merit"] < math.inf:
                 _write_down(load, design, state)
             else:
@@ -185,7 +187,7 @@ def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
             return
         tracker.take_state(load["onboard"]["planet"], nav, state["tracking"]["x"])
         planner.start(
-            load, design["planner"], design["guess"], state["job"],
+            load, design["planner"], design["guess"], design["stored"]["profile"], state["job"],
             state["tracking"]["x"], nav["t_s"],
         )  # fmt: skip
         state["started_s"] = nav["t_s"]
@@ -224,31 +226,31 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
     return status.SATURATED if own["is_limited"] == 1 else status.OK
 
 
+@kernel
+def _report_plan(plan: Record, told: F8) -> None:
+    told[PLAN_ENDING] = plan["ending"]
+    told[PLAN_ITERATIONS] = plan["iterations"]
+    told[PLAN_FLIGHTS] = plan["flights"]
+    told[PLAN_TARGET_ERROR] = min(plan["target_error"], TOLD_MAX)
+    told[PLAN_EXCESS] = min(plan["excess"], TOLD_MAX)
+
+
 @seldom_kernel
 def _report(load: Record, state: Record, out: Record) -> None:
-    """Telemetry in the order of TELEMETRY."""
+    """Telemetry, each number in its place of TELEMETRY."""
     own, told = state["tracking"], out["telemetry"]
+    x, planned = own["x"], own["reference"]["state"]
     radius_m = load["onboard"]["planet"]["radius_m"]
-    told[0] = own["index"]
-    told[1] = own["along_rad"] * radius_m
-    told[2] = own["across_rad"] * radius_m
-    told[3] = own["x"][3] - own["reference"]["state"][3]
-    told[4] = own["x"][0] - own["reference"]["state"][0]
-    told[5] = own["reference"]["bank_rad"]
-    told[6] = own["integral_rads"]
-    told[7] = state["stage"]
-    told[9] = state["source"]
-    plan = state["plans"][state["in_force"]]
+    told[PLAN_INDEX] = own["index"]
+    told[PLAN_ALONG] = own["along_rad"] * radius_m
+    told[PLAN_ACROSS] = own["across_rad"] * radius_m
+    told[PLAN_ALT] = x[RADIUS] - planned[RADIUS]
+    told[PLAN_V] = x[V] - planned[V]
+    told[PLAN_BANK] = own["reference"]["bank_rad"]
+    told[PLAN_INTEGRAL] = own["integral_rads"]
+    told[PLAN_STAGE] = state["stage"]
+    told[PLAN_SOURCE] = state["source"]
     if state["source"] == FROM_JOB:
-        told[8] = plan["ending"]
-        told[10] = plan["iterations"]
-        told[11] = plan["flights"]
-        told[12] = min(plan["target_error"], TOLD_MAX)
-        told[13] = min(plan["excess"], TOLD_MAX)
+        _report_plan(state["plans"][state["in_force"]], told)
     else:
-        stored = load["law"]["stored"]
-        told[8] = stored["ending"]
-        told[10] = stored["iterations"]
-        told[11] = stored["flights"]
-        told[12] = min(stored["target_error"], TOLD_MAX)
-        told[13] = min(stored["excess"], TOLD_MAX)
+        _report_plan(load["law"]["stored"], told)

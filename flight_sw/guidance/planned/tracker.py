@@ -18,7 +18,8 @@ import math
 import numpy as np
 
 from flight_sw.guidance.planned.plan import REFERENCE, look_up
-from flight_sw.model.motion import GAMMA, LAMBDA, N_STATES, PHI, PSI, RADIUS, V, nearest_turn
+from flight_sw.model.angles import wrapped
+from flight_sw.model.motion import GAMMA, LAMBDA, N_STATES, PHI, PSI, RADIUS, V
 from flight_sw.model.profile import index_of
 from flight_sw.model.tables import between, locate
 from flight_sw.records.fields import Field, RecordSpec
@@ -92,10 +93,10 @@ def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: floa
     error = own["error"]
     error[V] = x[V] - planned[V]
     error[GAMMA] = x[GAMMA] - planned[GAMMA]
-    error[PSI] = nearest_turn(x[PSI] - planned[PSI])
+    error[PSI] = wrapped(x[PSI] - planned[PSI])
     error[RADIUS] = x[RADIUS] - planned[RADIUS]
     north = x[PHI] - planned[PHI]
-    east = nearest_turn(x[LAMBDA] - planned[LAMBDA])
+    east = wrapped(x[LAMBDA] - planned[LAMBDA])
     cos_psi, sin_psi = math.cos(planned[PSI]), math.sin(planned[PSI])
     cos_phi = math.cos(planned[PHI])
     own["along_rad"] = north * cos_psi + east * cos_phi * sin_psi

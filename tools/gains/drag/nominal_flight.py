@@ -19,7 +19,6 @@ from flight_sw.guidance.drag.bank_profile import BANK_PROFILE, nominal_bank
 from flight_sw.guidance.drag.dynamics import DYNAMICS, drag_dynamics, jacobi_energy
 from flight_sw.guidance.drag.reference import BY_ENERGY, BY_SPEED, BY_TIME, ROWS
 from flight_sw.model.great_circle import GROUND_TRACK, range_flown
-from flight_sw.records.dictionary import NAV
 from flight_sw.records.types_ import Record
 from sim_harness.flight.profile_flight import fly_profile
 from sim_harness.mission.mission import Mission
@@ -27,6 +26,7 @@ from sim_harness.world.assembly import truth_of, world_of
 from sim_harness.world.ground_track import fill_ground_track
 from sim_harness.world.records import END_CONDITION, OUTCOMES, TRUTH
 from tools.gains.drag.choices import NominalFlight
+from tools.gains.fixes import fix_of
 
 Rows = npt.NDArray[np.void]
 GRID_DEG = 6.0  # of the banks that are tried first
@@ -219,15 +219,6 @@ class Row(NamedTuple):
 
 
 INDEXES = {"energy": BY_ENERGY, "speed": BY_SPEED, "time": BY_TIME}
-
-
-def fix_of(frame: Record) -> Rows:
-    """A navigation fix, shape (1,), that tells the truth of a frame."""
-    nav = np.zeros(1, NAV)
-    for name in NAV.names or ():
-        nav[name] = frame[name]
-    nav["lift_mps2"] = abs(frame["lift_mps2"])
-    return nav
 
 
 class Reference:

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
-from flight_sw.guidance.planned import planner, tracker
+from flight_sw.guidance.planned import plan_job, tracker
 from flight_sw.guidance.planned.planned_lqr import PROFILE_SPEC
 from flight_sw.model.profile import KNOTS_MAX
 from sim_harness.mission.quantities import Quantity, Section, Series, loaded, refusal, span_of
@@ -46,39 +46,39 @@ class Plan(Section):
     alpha_index: Annotated[tuple[float, ...], knots("of the angle of attack's knots")]
     alpha_deg: Annotated[tuple[float, ...], angles("at them, as planned")]
     bank_max_deg: Annotated[
-        float, loaded(planner.PLANNER, "bank_max_rad", "deg", "planned, either side")
+        float, loaded(plan_job.PLANNER, "bank_max_rad", "deg", "planned, either side")
     ] = 120.0
     end_bank_deg: Annotated[
-        float, loaded(planner.PLANNER, "end_bank_rad", "deg", "wanted at the end")
+        float, loaded(plan_job.PLANNER, "end_bank_rad", "deg", "wanted at the end")
     ] = 0.0
     heat_flux_margin_ratio: Annotated[
         float, Quantity("-", 0.1, 10.0, "of the mission's limit: kept by the plan")
     ] = 1.0
     target_weight_1prad: Annotated[
-        float, loaded(planner.PLANNER, "target_weight_1prad", "1/rad", "root of H, place")
+        float, loaded(plan_job.PLANNER, "target_weight_1prad", "1/rad", "root of H, place")
     ] = 6000.0
     bank_weight_1prad: Annotated[
-        float, loaded(planner.PLANNER, "bank_weight_1prad", "1/rad", "root of H, bank")
+        float, loaded(plan_job.PLANNER, "bank_weight_1prad", "1/rad", "root of H, bank")
     ] = 600.0
     excess_weight_ratio: Annotated[
         float,
-        loaded(planner.PLANNER, "excess_weight_ratio", "-", "on the root of e_c, in W/cm2 root s"),
+        loaded(plan_job.PLANNER, "excess_weight_ratio", "-", "on the root of e_c, in W/cm2 root s"),
     ] = 1.0
     target_error_max: Annotated[
-        float, loaded(planner.PLANNER, "target_error_max", "-", "e_t of a good plan")
+        float, loaded(plan_job.PLANNER, "target_error_max", "-", "e_t of a good plan")
     ] = 1.0
     excess_max: Annotated[
-        float, loaded(planner.PLANNER, "excess_max", "-", "e_c of a good plan")
+        float, loaded(plan_job.PLANNER, "excess_max", "-", "e_c of a good plan")
     ] = 100.0
     step_min_ratio: Annotated[
-        float, loaded(planner.PLANNER, "step_min_ratio", "-", "shortest step length")
+        float, loaded(plan_job.PLANNER, "step_min_ratio", "-", "shortest step length")
     ] = 1e-4
     iterations_max: Annotated[
-        float, Quantity("-", 1.0, float(planner.ITERATIONS_MAX), "a whole number")
+        float, Quantity("-", 1.0, float(plan_job.ITERATIONS_MAX), "a whole number")
     ] = 10.0
-    step_s: Annotated[float, loaded(planner.PLANNER, "step_s", "s", "of the flight ahead")] = 2.0
+    step_s: Annotated[float, loaded(plan_job.PLANNER, "step_s", "s", "of the flight ahead")] = 2.0
     steps_a_frame: Annotated[
-        float, Quantity("-", 1.0, float(planner.STEPS_MAX), "of a job in one minor frame")
+        float, Quantity("-", 1.0, float(plan_job.STEPS_MAX), "of a job in one minor frame")
     ] = 8.0
     newton: Literal["rows", "literal"] = "rows"
     """On the errors themselves, or on e_t and e_c alone as in the source."""

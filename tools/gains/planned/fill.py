@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from flight_sw.errors import DesignError
-from flight_sw.guidance.planned import planner
+from flight_sw.guidance.planned import plan_job
 from flight_sw.load_image import body_spec
 from flight_sw.model.atmosphere import density, sound_speed
 from flight_sw.model.profile import BY_ENERGY, BY_TIME, merge_breaks
@@ -22,10 +22,11 @@ from tools.gains.planned.offline import (
     plan_offline,
     with_banks,
 )
+from tools.gains.rounding import rounded
 from tools.gains.schema import CommonDesign
 
 BANK_DIGITS = 6  # of a radian: where plans of all processors agree
-COARSE_DIGITS = 3
+COARSE_DIGITS = 3  # of what hangs on small differences
 HEAT_FLUX_UNIT_WPM2 = 1e4  # e_c in (W/cm2)^2 s, as in the source
 AIR_LOW_M, AIR_ABOVE_ENTRY_M = -2000.0, 20e3
 
@@ -104,17 +105,12 @@ def ground_plan(body: Record, mission: Mission) -> Planned:
     return with_banks(load, found, banks_rad)
 
 
-def coarse(value: float) -> float:
-    """A number that hangs on small differences, to the digits that every processor gives."""
-    return float(f"{value:z.{COARSE_DIGITS - 1}e}")
-
-
 def _store(record: Record, found: Planned) -> None:
     """The ground's plan into the load, rounded."""
     plan = found.plan[0]
     record["ending"], record["iterations"] = plan["ending"], plan["iterations"]
     for name in ("target_error", "excess", "heat_flux_peak_wpm2", "duration_s"):
-        record[name] = coarse(float(plan[name]))
+        record[name] = rounded(float(plan[name]), COARSE_DIGITS)
     record["flights"], n = plan["flights"], int(plan["n_rows"])
     record["n_rows"] = n
     record["profile"]["bank_rad"] = plan["profile"]["bank_rad"]
@@ -138,8 +134,9 @@ def fill_planned_lqr(
     _store(record["stored"], found)
     told = fill_gains(record["tracker"], body, found.plan[0], tracking)
     record["plans_onboard"] = choice.onboard == "yes"
-    ending = planner.ENDINGS[int(found.plan["ending"][0])]
+    ending = plan_job.ENDINGS[int(found.plan["ending"][0])]
     steps = [
-        {key: coarse(value) for key, value in step.items()} for step in iterations_of(found.job[0])
+        {key: rounded(value, COARSE_DIGITS) for key, value in step.items()}
+        for step in iterations_of(found.job[0])
     ]
     return {"plan": {"ending": ending, "iterations": steps}, **told}

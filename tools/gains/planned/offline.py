@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.guidance.planned import plan_job, planned_lqr
 from flight_sw.guidance.planned.plan import PLAN, add_row, begin_rows
 from flight_sw.model.motion import STATES
 from flight_sw.model.propagation import ENDED, GOING, advance, begin
-from flight_sw.records.dictionary import NAV
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.jit import kernel
 from sim_harness.mission.mission import Mission
 from sim_harness.world.assembly import truth_of
+from tools.gains.fixes import fix_of
 
 Rows = npt.NDArray[np.void]
 FRAMES_MAX = 1_000_000
@@ -25,7 +25,7 @@ class Planned(NamedTuple):
     plan: Rows
     """PLAN, shape (1,); without rows where nothing could be flown."""
     job: Rows
-    """planner.JOB, shape (1,)."""
+    """plan_job.JOB, shape (1,)."""
     frames: int
     """Minor frames that it took at the design's budget."""
     stage: int
@@ -52,7 +52,7 @@ def _write_rows(loads: Any, jobs: Any, plans: Any) -> bool:
     begin_rows(plan)
     begin(job["path"], plan["profile"], planet, job["start"], job["start_s"])
     add_row(plan, planet, job["path"]["x"], job["start_s"])
-    for _ in range(planner.STEPS_MAX):
+    for _ in range(plan_job.STEPS_MAX):
         code = advance(
             load["onboard"], load["atmosphere"], plan["profile"], job["conditions"], job["path"],
             job["work"],
@@ -73,10 +73,7 @@ def with_banks(load: Rows, found: Planned, banks_rad: npt.NDArray[np.float64]) -
 
 def fix_at_entry(mission: Mission) -> Rows:
     """The entry state as a perfect navigation fix, shape (1,)."""
-    truth, nav = truth_of(mission)[0], np.zeros(1, NAV)
-    for name in NAV.names or ():
-        nav[name] = truth[name]
-    return nav
+    return fix_of(truth_of(mission)[0])
 
 
 def plan_offline(load: Rows, nav: Rows) -> Planned:
@@ -91,10 +88,7 @@ def plan_offline(load: Rows, nav: Rows) -> Planned:
 
 def iterations_of(job: Record) -> list[dict[str, float]]:
     """What each iteration ended with, the first guess as number 0."""
-    last = int(job["iteration"])
-    if int(job["ending"]) != planner.CONVERGED and int(job["trials"]) > 0:
-        last -= 1
-    told = job["trace"][: last + 1]
+    told = job["trace"][: int(job["best"]) + 1]
     return [
         {
             "iteration": i,

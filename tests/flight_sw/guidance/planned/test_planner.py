@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from flight_sw.guidance.planned import planned_lqr, planner
+from flight_sw.guidance.planned import plan_job, planned_lqr
 from flight_sw.load_image import activate, read_image
 from flight_sw.model.motion import LAMBDA, PHI
 from sim_harness.mission.mission import GAINS
@@ -44,7 +44,7 @@ def test_a_plan_ends_at_the_target_within_ten_iterations(
     found = planned(latitude_deg, from_guess)
     assert found.stage == planned_lqr.IN_FORCE
     plan = found.plan[0]
-    assert planner.ENDINGS[plan["ending"]] == "converged"
+    assert plan_job.ENDINGS[plan["ending"]] == "converged"
     assert plan["iterations"] <= 10
     assert plan["target_error"] < 1.0
     assert plan["excess"] <= 100.0
@@ -71,7 +71,7 @@ def test_the_mirror_image_is_planned_with_the_bank_mirrored() -> None:
     left["law"]["planner"]["target_lat_rad"] *= -1.0
     left["law"]["guess"]["bank_rad"] *= -1.0
     one, other = plan_offline(right, there), plan_offline(left, back)
-    assert planner.ENDINGS[one.plan["ending"][0]] == "converged"
+    assert plan_job.ENDINGS[one.plan["ending"][0]] == "converged"
     banks = [found.plan["profile"]["bank_rad"][0] for found in (one, other)]
     assert banks[0] == pytest.approx(-banks[1], abs=1e-6)
 
@@ -99,6 +99,6 @@ def test_from_a_state_that_cannot_be_flown_nothing_is_planned() -> None:
 def test_a_target_out_of_reach_leaves_the_best_that_was_found() -> None:
     found = planned(0.0, target_lon_rad=math.radians(170.0))
     assert found.stage == planned_lqr.IN_FORCE
-    assert planner.ENDINGS[found.plan["ending"][0]] != "converged"
+    assert plan_job.ENDINGS[found.plan["ending"][0]] != "converged"
     first, *_, last = iterations_of(found.job[0])
     assert last["target_error"] < first["target_error"]
