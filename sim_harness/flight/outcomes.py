@@ -10,11 +10,14 @@ from sim_harness.world.records import OUTCOMES, SKIPPED_OUT
 NOMINAL = "nominal"
 LIMIT_EXCEEDED = "limit exceeded"
 SKIP_OUT = "skip-out"
+OUT_OF_REACH = "out of reach"
 SHORT = "short"
 SATURATED = "saturated"
 NUMERICAL = "numerical"
 BUS = "bus"
-CLASSES = (NOMINAL, LIMIT_EXCEEDED, SKIP_OUT, SHORT, SATURATED, NUMERICAL, BUS)
+CLASSES = (
+    NOMINAL, LIMIT_EXCEEDED, SKIP_OUT, SHORT, SATURATED, NUMERICAL, BUS, OUT_OF_REACH,
+)  # fmt: skip
 NOT_FLOWN = (NUMERICAL, BUS)
 """Classes whose other numbers mean nothing."""
 
@@ -53,13 +56,15 @@ def outcome_class(facts: Mapping[str, Any], judgement: Judgement) -> str:
     """The class of a flight from its scalars."""
     if any(isinstance(v, float) and not math.isfinite(v) for v in facts.values()):
         return NUMERICAL
-    if (ended := BY_OUTCOME.get(facts["outcome"])) is not None:
+    ended = BY_OUTCOME.get(facts["outcome"])
+    if ended not in (None, SHORT):
         return ended
-    if _is_beyond(facts.get("downrange_error_km"), judgement.short_of_target_km):
-        return SHORT
-    if limits_exceeded(facts, judgement):
-        return LIMIT_EXCEEDED
     saturated_s = facts["bank_saturated_s"] + facts["alpha_saturated_s"]
-    if saturated_s > judgement.saturated_share_max * facts["flight_time_s"]:
-        return SATURATED
-    return NOMINAL
+    missing_km, plan = facts.get("downrange_error_km"), facts.get("plan_target_error")
+    found = {
+        OUT_OF_REACH: _is_beyond(plan, judgement.plan_target_error_max),
+        SHORT: ended == SHORT or _is_beyond(missing_km, judgement.short_of_target_km),
+        LIMIT_EXCEEDED: bool(limits_exceeded(facts, judgement)),
+        SATURATED: saturated_s > judgement.saturated_share_max * facts["flight_time_s"],
+    }
+    return next((name for name, applies in found.items() if applies), NOMINAL)

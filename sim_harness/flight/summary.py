@@ -170,6 +170,7 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
         "final_latitude_deg": math.degrees(float(truth["lat_rad"])),
         "final_flight_path_angle_deg": math.degrees(float(truth["flight_path_angle_rad"])),
         "final_heading_deg": math.degrees(float(truth["heading_rad"])),
+        "plan_target_error": law_telemetry(run).get("plan_target_error"),
         "bank_final_deg": math.degrees(float(truth["bank_rad"])),
         **frame_facts(run),
     }

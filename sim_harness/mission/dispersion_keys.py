@@ -96,6 +96,9 @@ class Judgement(Section):
     saturated_share_max: Annotated[
         float, Quantity("-", 0.0, 1.0, "of the flight time on a command limit: saturated")
     ] = 0.5
+    plan_target_error_max: Annotated[
+        float, Quantity("-", 0.0, INF, "e_t of the plan that was flown: beyond it, out of reach")
+    ] = 1.0
     short_of_target_km: Annotated[
         float, Quantity("km", 0.0, INF, "range missing to the target: short")
     ] = INF

@@ -8,10 +8,10 @@ from typing import Any
 
 from tools.spans import widened
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#B38600", "#444444")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#B38600", "#444444", "#882255")
 """Okabe and Ito's, in an order that tells neighbours apart in grey too."""
 STYLES = ("-", "--", "-.", ":")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LIMIT = "#A00000"
 GRID = "#d8dce0"
 INK = "#20262c"
@@ -42,6 +42,11 @@ SETTINGS: Any = {
     "svg.hashsalt": "aeroshell",
     "path.simplify": True,
 }
+
+
+def marker_of(index: int) -> str:
+    """The marker of a series."""
+    return MARKERS[index % len(MARKERS)]
 
 
 def colour(index: int) -> str:

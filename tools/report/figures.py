@@ -9,14 +9,13 @@ import numpy as np
 from sim_harness.flight.outcomes import CLASSES, NOMINAL
 from sim_harness.mission.dispersion_keys import Requirement
 from tools.report.drawing import (
-    COLOURS,
     INK,
-    MARKERS,
     blank,
     colour,
     figure,
     image,
     limit_line,
+    marker_of,
     off_panel,
     spread_axis,
     style,
@@ -137,11 +136,16 @@ def scatter(
             for i, source in enumerate(sources):
                 x, y = source.values(across.key), source.values(up.key)
                 classes = source.classes
-                groups = [(source.label, np.full(len(x), True), colour(i), MARKERS[i % 7])]
+                groups = [(source.label, np.full(len(x), True), colour(i), marker_of(i))]
                 if len(sources) == 1:
                     named = [NOMINAL, *sorted(set(classes.tolist()) - {NOMINAL}, key=_rank)]
                     groups = [
-                        (name, classes == name, COLOURS[k % 7], MARKERS[k % 7])
+                        (
+                            name,
+                            classes == name,
+                            colour(k),
+                            marker_of(k),
+                        )
                         for k, name in enumerate(named)
                     ]
                 for label, chosen, shade, marker in groups:

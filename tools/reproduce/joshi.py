@@ -100,6 +100,7 @@ def _planned(latitude_deg: float, settings: tuple[str, ...]) -> Any:
     """The job of a plan from the design's first guess."""
     prepared = prepare(MISSION, LAW, [f"entry.latitude_deg={latitude_deg:g}", *settings], None)
     load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
+    load["law"]["stored"]["profile"] = load["law"]["guess"]
     return plan_offline(load, fix_at_entry(prepared.mission)).job[0]
 
 
