@@ -74,7 +74,7 @@ DRAG_FELT: dict[str, float | str] = {
 }
 """The lander of Mars a second before its drag starts the tracking."""
 
-ON_THE_PLAN: dict[str, float | str] = {
+ON_THE_PLAN = {
     "entry.altitude_km": 74.15277509750426,
     "entry.speed_mps": 7338.986081259216,
     "entry.flight_path_angle_deg": -0.33008001,
@@ -128,19 +128,26 @@ def shipped(law: str, mission: str = "mars-lander", seconds: float = 0.0) -> Bui
 
 
 @functools.cache
+def _planned(law: str, steps_a_frame: int, iterations_max: int, **overrides: float) -> Built:
+    """The winged vehicle's committed load with so much work in a minor frame, and for a job."""
+    flown = load_mission("rlv", overrides)
+    shipped_image = parse_image((flown.gains_folder / f"{law}.load").read_bytes(), law)
+    body = shipped_image.body.copy()
+    body["law"]["planner"]["steps_a_frame_count"] = steps_a_frame
+    body["law"]["planner"]["iterations_max"] = iterations_max
+    raw = image_bytes(law, shipped_image.mission, body)
+    image = parse_image(raw, law)
+    return Built(flown, law, raw, image, activate(image))
+
+
 def on_the_plan(law: str, seconds: float) -> Built:
-    """The winged vehicle with its committed load, so many seconds from `ON_THE_PLAN`."""
-    made = shipped(law, "rlv")
-    return made._replace(mission=load_mission("rlv", {**ON_THE_PLAN, "end.time_max_s": seconds}))
+    """The winged vehicle so many seconds from `ON_THE_PLAN`: its job ends in them, and is flown."""
+    return _planned(law, 40, 1, **ON_THE_PLAN, **{"end.time_max_s": seconds})
 
 
-@functools.cache
 def planning(law: str, seconds: float) -> Built:
-    """The same from its entry, while a job of one step a minor frame plans."""
-    made = shipped(law, "rlv")
-    load = made.load.copy()
-    load["law"]["planner"]["steps_a_frame_count"] = 1
-    return made._replace(mission=load_mission("rlv", {"end.time_max_s": seconds}), load=load)
+    """The same from its entry, in the middle of a job of one step a minor frame."""
+    return _planned(law, 1, 20, **{"end.time_max_s": seconds})
 
 
 def any_built(law: str, seconds: float = 0.0) -> Built:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flight_sw.guidance.planned.planned_lqr import SEEKING
+from flight_sw.guidance.planned.planned_lqr import FROM_JOB, IN_FORCE, SEEKING
 from sim_harness.flight.bus_flight import fly_bus
 from sim_harness.flight.flight import FlightRun, fly_memory
 from sim_harness.replay.replayer import Replayer
@@ -113,13 +113,16 @@ def test_the_piece_of_mars_begins_before_its_law_and_ends_within_it(law: str) ->
     assert computer.state["guidance"]["tracking"][0] == 1
 
 
-def test_the_pieces_of_a_plan_are_in_the_middle_of_a_job_and_of_tracking() -> None:
-    for piece, tracks in zip(PLANNED_PIECES, (0, 1), strict=True):
+def test_the_pieces_of_a_plan_begin_in_a_job_and_one_of_them_ends_on_its_plan() -> None:
+    for piece, tracks, ends in zip(PLANNED_PIECES, (0, 1), (SEEKING, IN_FORCE), strict=True):
         made = piece_of("planned-lqr", piece)
         world, computer = World(made, CYCLES), Computer(made)
-        world.fly(computer, CYCLES)
+        world.fly(computer, CYCLES // 3)
+        assert computer.state["law"]["stage"][0] == SEEKING
+        world.fly(computer, CYCLES - CYCLES // 3)
         assert computer.state["guidance"]["tracking"][0] == tracks
-        assert (computer.state["law"]["stage"][0] == SEEKING) == (piece == "planning")
+        assert computer.state["law"]["stage"][0] == ends
+        assert (computer.state["law"]["source"][0] == FROM_JOB) == (ends == IN_FORCE)
 
 
 @pytest.mark.parametrize(("law", "piece"), CONTINUED)
