@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import read_image
@@ -28,6 +28,8 @@ from sim_harness.mission.quantities import plain
 from sim_harness.world.missions import load_mission
 from tools.gains.design import Design, laws_of, read_tree
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
+
+Value = TypeVar("Value")
 
 DESIGN_PREFIX = "design."
 TOLD_TO_THE_COMPUTER = ("limits.", "target.", "guidance.rate_hz")
@@ -110,6 +112,20 @@ def is_told(key: str) -> bool:
     return key.startswith(TOLD_TO_THE_COMPUTER)
 
 
+def told_of(world: Mapping[str, Value]) -> dict[str, Value]:
+    """The mission keys that a load is made anew for.
+
+    With a target comes the entry from which the ground plans to it; an entry alone is one that the
+    load does not expect.
+    """
+    has_target = any(key.startswith("target.") for key in world)
+    return {
+        key: value
+        for key, value in world.items()
+        if is_told(key) or (has_target and key.startswith("entry."))
+    }
+
+
 def with_values(tree: dict[str, Any], values: Mapping[str, float | str]) -> dict[str, Any]:
     """Tables with values put in by their full dotted keys; the tables given stay as they are."""
     changed = dict(tree)
@@ -167,7 +183,7 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
             f"law '{short(chosen)}' is not designed for {plain.name}{nearest(chosen, designed)}; "
             f"allowed {', '.join(designed)}"
         )
-    told = {k: v for k, v in world.items() if is_told(k)}
+    told = told_of(world)
     path = image_path(folder, chosen)
     comparable = file.parent == SHIPPED and not changes and set(world) <= {SET_POINT}
     if told or changes:

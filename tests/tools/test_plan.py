@@ -76,9 +76,11 @@ def test_a_target_or_a_limit_out_of_reach_is_told_by_how_much(
     [
         ({"longitude_deg": 150.0}, {"longitude_deg": -145.3}),  # across the date line
         ({"latitude_deg": 12.0}, {}),  # from the other hemisphere
+        ({"heading_deg": 80.0}, {"latitude_deg": 16.0}),  # to the left
+        ({"latitude_deg": -3.0, "heading_deg": 80.0}, {"latitude_deg": 13.0}),
     ],
 )
-def test_a_plan_crosses_the_date_line_and_the_equator(
+def test_a_plan_crosses_the_date_line_and_the_equator_and_turns_either_way(
     plan: Any, entry: dict[str, float], target: dict[str, float]
 ) -> None:
     settings = [f"entry.{k}={v}" for k, v in entry.items()]

@@ -38,6 +38,7 @@ from tools.overrides import (
     parse,
     prepare,
     split,
+    told_of,
     with_values,
 )
 
@@ -102,7 +103,7 @@ def job_of(
     world, changes = split(parse(settings), read_toml(file), design)
     flown, told = read_toml(file), read_toml(file)
     apply(flown, world)
-    apply(told, {key: value for key, value in world.items() if is_told(key)})
+    apply(told, told_of(world))
     kept = [
         inlined({k: v for k, v in tree.items() if k not in NOT_FLOWN_WITH}, file)
         for tree in (flown, told)

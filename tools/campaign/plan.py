@@ -20,7 +20,7 @@ from tools.campaign.folder import FLIGHTS_MAX, SEED_MAX
 from tools.campaign.job import Flyer, Job, Run, job_of, load_of, resolved
 from tools.gains.design import design_of
 from tools.gains.image import DESIGN_NAME
-from tools.overrides import DESIGN_PREFIX, is_told, with_values
+from tools.overrides import DESIGN_PREFIX, is_told, told_of, with_values
 
 SOURCES = (FLIGHT_ROOT, FLIGHT_ROOT.parent / "sim_harness")
 
@@ -104,7 +104,7 @@ def with_fixed(job: Job, values: dict[str, float], both: tuple[str, ...]) -> Job
     """The job with a set's fixed values in it, and the load that goes with them."""
     design = {k: v for k, v in values.items() if k.startswith(DESIGN_PREFIX)}
     mission = {k: v for k, v in values.items() if k not in design}
-    told = {k: v for k, v in mission.items() if is_told(k) or k in both}
+    told = told_of(mission) | {k: v for k, v in mission.items() if k in both}
     changed = job._replace(
         mission_tree=with_values(job.mission_tree, mission),
         told_tree=with_values(job.told_tree, told),
