@@ -144,15 +144,15 @@ def test_where_the_bank_moves_nothing_or_the_other_way_the_plan_ends_in_a_word(
     errors = [row["target_error"] + row["excess"] for row in iterations_of(job)]
     assert np.isfinite(errors).all() and np.isfinite(found.plan["state"]).all()
     if lift_ratio == 0.0:
-        assert ENDINGS[int(job["ending"])] == "stuck"
-        assert not job["step_rad"].any()
+        assert ENDINGS[int(job["ending"])] != "converged"
+        assert errors[-1] == pytest.approx(errors[0], rel=1e-9)
 
 
 def test_gains_that_do_not_cover_the_plan_are_refused_in_a_sentence() -> None:
     image = read_image(GAINS / "rlv" / "planned-lqr.load")
     for part, words in (
         (slice(0, 20), "tracker.index goes from 0.05 to"),
-        (slice(40, 66), "allowed from at most"),
+        (slice(40, 66), "allowed at least 75% of where the plan is tracked, 0.02 to 7.2"),
     ):
         body = image.body.copy()
         table = body["law"]["tracker"][0]

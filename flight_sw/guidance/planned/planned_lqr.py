@@ -89,20 +89,22 @@ PLAN_SPEC = RecordSpec.of(
     Field("state", -1e12, 1e12, shape=(ROWS_MAX, N_STATES)),
 )
 
-COVERED_RATIO = 0.75  # of the plan's index behind which errors are fed back: gains reach so far
+COVERED_RATIO = 0.75  # of the plan's index where errors are fed back: gains are held beyond
 
 
 def _gains_cover_the_plan(design: Record) -> str:
-    """Gains begin where errors are fed back and reach over most of the plan."""
+    """Gains stand over most of the plan."""
     table, plan = design["tracker"], design["stored"]
     first, last = (float(table["index"][i]) for i in (0, int(table["n_rows"]) - 1))
-    begins = float(table["feedback_from_index"])
-    reaches = begins + COVERED_RATIO * (float(plan["index"][int(plan["n_rows"]) - 1]) - begins)
-    if first <= begins and last >= reaches:
+    begins, ends = (
+        float(table["feedback_from_index"]),
+        float(plan["index"][int(plan["n_rows"]) - 1]),
+    )
+    if min(last, ends) - max(first, begins) >= COVERED_RATIO * (ends - begins):
         return ""
     return (
-        f"tracker.index goes from {first:g} to {last:g}, allowed from at most {begins:g} "
-        f"(feedback_from_index) to at least {reaches:.4g}, {COVERED_RATIO:.0%} of the plan"
+        f"tracker.index goes from {first:g} to {last:g}, allowed at least {COVERED_RATIO:.0%} of "
+        f"where the plan is tracked, {begins:g} to {ends:.4g}"
     )
 
 
