@@ -55,6 +55,10 @@ Settings = Annotated[
 NamedCase = Annotated[
     str | None, typer.Option("--case", help="a case of the mission file; --set changes it further")
 ]
+Pace = Annotated[str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")]
+Synchronisation = Annotated[
+    str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
+]
 RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
 
 
@@ -216,12 +220,8 @@ def fly(
     case: NamedCase = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: BusAddress = "unix",
-    pace: Annotated[
-        str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
-    ] = "lockstep",
-    synchronisation: Annotated[
-        str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
-    ] = "frame",
+    pace: Pace = "lockstep",
+    synchronisation: Synchronisation = "frame",
     settings: Settings = None,
     load: LoadFile = None,
     seed: Annotated[
