@@ -247,7 +247,7 @@ class Search:
             },
             options={"maxiter": ITERATIONS_MAX, "ftol": PRECISION_DEG},
         )
-        speed, path, latitude = self.end(found.x)
+        speed, path, latitude = map(float, self.end(found.x))
         return Found(
             math.degrees(latitude), float(self.path["t_s"][0]), speed - END_SPEED_MPS,
             math.degrees(path - END_PATH_RAD), int(found.nit), found.x,
