@@ -125,7 +125,8 @@ def final_energy_jpkg(case: str, settings: tuple[str, ...]) -> float:
 def flown(case: str, settings: tuple[str, ...], corners: tuple[str, ...]) -> Case:
     """The flights of a case in memory."""
     end = f"end.jacobi_energy_mjpkg={final_energy_jpkg(case, settings) / 1e6!r}"
-    job, _ = job_of(MISSION, LAW, [end, *settings], None, case)
+    settings_all = [end, "end.at_target_energy=no", *settings]
+    job, _ = job_of(MISSION, LAW, settings_all, None, case)
     flyer = Flyer(job)
     return Case(case, {name: flyer.fly(Run(1, CORNERS[name], 0, {})) for name in corners})
 
