@@ -258,11 +258,12 @@ def _rk4(
 def _sum_sensitivities(path: Record, work: Record, sixth: float) -> None:
     rate = work["by_knot_rate"]
     e = work["excess_by_knot_rate"]
-    for k in range(KNOTS_MAX):
-        for i in range(N_STATES):
+    for i in range(N_STATES):
+        for k in range(KNOTS_MAX):
             work["by_knot"][i, k] = path["by_knot"][i, k] + sixth * (
                 rate[0, i, k] + 2.0 * (rate[1, i, k] + rate[2, i, k]) + rate[3, i, k]
             )
+    for k in range(KNOTS_MAX):
         work["excess_by_knot"][k] = path["excess_by_knot"][k] + sixth * (
             e[0, k] + 2.0 * (e[1, k] + e[2, k]) + e[3, k]
         )
