@@ -40,31 +40,21 @@ def crossrange_part(search: Search, found: Found) -> Part:
 
 
 def refinement_part(searches: list[Search], found: list[Found], shorter: Found) -> Part:
-    """What more knots and shorter steps change."""
+    """What more knots and shorter steps change; two searches alone are too coarse to be judged."""
     rows: list[Row] = []
     for search, one in zip(searches, found, strict=True):
         rows.append(
             told(f"{_named(search)}: final latitude", one.latitude_deg, "deg", f"{LATITUDE_DEG}")
         )
         rows.append(told("  duration", one.t_s, "s", f"{DURATION_S:,}"))
-    last, before = found[-1], found[-2]
-    changes = (
-        (
-            "more knots, the last two",
-            last.latitude_deg - before.latitude_deg,
-            last.t_s - before.t_s,
-        ),
-        (
-            f"steps of {SHORTER_S:g} s for {STEP_S:g} s",
-            shorter.latitude_deg - before.latitude_deg,
-            shorter.t_s - before.t_s,
-        ),
-    )
-    for name, latitude_deg, t_s in changes:
-        rows.append(
-            at_most(f"{name}: |change of latitude|", abs(latitude_deg), LATITUDE_BAR_DEG, "deg")
-        )
-        rows.append(at_most("  |change of duration|", abs(t_s), DURATION_BAR_S, "s"))
+    others = {f"steps of {SHORTER_S:g} s for {STEP_S:g} s": shorter}
+    if len(found) >= len(LEGS):
+        others["more knots, the last two"] = found[-1]
+    for name, other in others.items():
+        latitude_deg = abs(other.latitude_deg - found[-2].latitude_deg)
+        t_s = abs(other.t_s - found[-2].t_s)
+        rows.append(at_most(f"{name}: |change of latitude|", latitude_deg, LATITUDE_BAR_DEG, "deg"))
+        rows.append(at_most("  |change of duration|", t_s, DURATION_BAR_S, "s"))
     return Part("Refinement", "The search is made anew each time, from the same guess.", rows)
 
 
