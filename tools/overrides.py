@@ -4,14 +4,18 @@ A mission key changes the world. Those that the flight computer is told of (the 
 rate) change its load too; a design key changes only the load, which is then made anew.
 """
 
+import math
 import shlex
 from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+
 from flight_sw.errors import DesignError, FlightError, MissionError
-from flight_sw.load_image import read_image
+from flight_sw.load_image import LoadImage, read_image
+from flight_sw.model.onboard import ONBOARD
 from sim_harness.mission.case_keys import case_of
 from sim_harness.mission.documents import read_toml, short
 from sim_harness.mission.errors import nearest
@@ -28,7 +32,9 @@ from sim_harness.mission.mission import (
     value_of,
 )
 from sim_harness.mission.quantities import plain
+from sim_harness.world.assembly import world_of
 from sim_harness.world.missions import load_mission
+from tools.gains.body import fill_onboard
 from tools.gains.design import Design, laws_of, read_tree
 from tools.gains.image import DESIGN_NAME, checked_design, image_path, make
 
@@ -36,6 +42,14 @@ Value = TypeVar("Value")
 
 DESIGN_PREFIX = "design."
 TOLD_TO_THE_COMPUTER = ("limits.", "target.", "guidance.rate_hz")
+MADE_FOR = (
+    ("planet", "radius_m"),
+    ("planet", "mu_m3ps2"),
+    ("planet", "rotation_radps"),
+    ("vehicle", "mass_kg"),
+    ("vehicle", "reference_area_m2"),
+)
+"""Fields of a load's `onboard` that tell one planet and vehicle from another."""
 SET_POINT = "limits.heat_flux_max_kwpm2"
 NOT_SETTABLE = (*NOT_IN_A_CASE, "design.mission", "design.laws")
 
@@ -165,6 +179,22 @@ def _remade(
     return make(law, design, load_mission(mission_file, told), path).raw
 
 
+def _check_made_for(image: LoadImage, mission: Mission, load: Path) -> None:
+    """Refuse a load of another mission whose planet or vehicle is not this mission's."""
+    if image.mission == mission.name:
+        return
+    own = np.zeros(1, ONBOARD.dtype)
+    fill_onboard(own[0], world_of(mission)[0])
+    given = image.body["onboard"]
+    for part, name in MADE_FOR:
+        theirs, ours = float(given[part][name][0]), float(own[part][name][0])
+        if not math.isclose(theirs, ours, rel_tol=1e-9):
+            raise FlightError(
+                f"--load {load}: is made for mission {short(image.mission)}, its "
+                f"onboard.{part}.{name} is {theirs:.10g}, allowed {ours:.10g} as in {mission.name}"
+            )
+
+
 def case_values(mission: Mission, case: str | None) -> dict[str, Any]:
     """What a case of the mission changes; nothing without a case."""
     return {} if case is None else case_of(mission.cases, case, mission.name).keys
@@ -188,6 +218,7 @@ def prepare(
         image = read_image(load)
         if law is not None and image.law != law:
             raise FlightError(f"--load {load}: is for law '{image.law}', --law says '{law}'")
+        _check_made_for(image, plain, load)
         return Prepared(mission, image.law, load.read_bytes(), load, False, False, case)
     chosen = law or mission.guidance.law
     if not has_design:

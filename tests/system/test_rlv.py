@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flight_sw.errors import LoadError
 from flight_sw.guidance.planned.plan_job import ENDINGS
 from flight_sw.guidance.planned.planned_lqr import FROM_JOB, FROM_LOAD, IN_FORCE, SEEKING
-from tests.system.flights import Computer, World, shipped
+from flight_sw.load_image import image_bytes, parse_image, read_image
+from flight_sw.modes import SAFE
+from sim_harness.mission.mission import GAINS
+from tests.system.flights import NAV_FRAMES, Computer, World, is_from_computer, shipped
 from tools.campaign.job import Flyer, Run, job_of
+from tools.gains.planned.offline import fix_at_entry, iterations_of, plan_offline
 from tools.reproduce.joshi import CORNERS, OF_THE_PAPER, Case, cases, flown
 
 pytestmark = pytest.mark.jit_only
@@ -103,3 +108,55 @@ def test_a_flight_over_a_pole_ends_at_its_target(
     east_deg = flown["longitude_error_deg"] * math.cos(math.radians(target[0]))
     assert math.hypot(flown["latitude_error_deg"], east_deg) < 0.01
     assert abs(flown["altitude_error_km"]) < 0.15
+
+
+def test_without_navigation_the_job_waits_and_then_ends_with_the_plan_of_its_inputs() -> None:
+    """Two seconds of silence while it plans: SAFE, then COAST again and the same plan."""
+    world, usual = in_coast(1500)
+    assert law_of(usual)["stage"] == IN_FORCE
+    frames = world.frames
+    sets = frames[~is_from_computer(frames)].reshape(-1, NAV_FRAMES)
+    computer = Computer(shipped(LAW, "rlv"))
+    modes, stages = set(), []
+    for cycle, frames in enumerate(sets):
+        computer.feed(frames[-1:] if 40 <= cycle < 140 else frames)
+        modes.add(int(computer.state["mode"][0]))
+        stages.append(int(law_of(computer)["stage"]))
+    assert SAFE in modes
+    assert stages[39] == stages[139] == SEEKING
+    assert stages[-1] == IN_FORCE
+    plans = [law_of(c)["plans"][law_of(c)["in_force"]].tobytes() for c in (usual, computer)]
+    assert plans[0] == plans[1]
+
+
+@pytest.mark.parametrize("lift_ratio", [0.0, -1.0], ids=["no lift", "lift downwards"])
+def test_where_the_bank_moves_nothing_or_the_other_way_the_plan_ends_in_a_word(
+    lift_ratio: float,
+) -> None:
+    made = shipped(LAW, "rlv")
+    load = made.load.copy()
+    load["law"]["stored"]["profile"] = load["law"]["guess"]
+    load["onboard"]["vehicle"]["aero"]["cl_powers"] *= lift_ratio
+    found = plan_offline(load, fix_at_entry(made.mission))
+    job = found.job[0]
+    assert ENDINGS[int(job["ending"])] in ("stuck", "small step", "out of iterations", "converged")
+    assert found.stage == IN_FORCE
+    errors = [row["target_error"] + row["excess"] for row in iterations_of(job)]
+    assert np.isfinite(errors).all() and np.isfinite(found.plan["state"]).all()
+    if lift_ratio == 0.0:
+        assert ENDINGS[int(job["ending"])] == "stuck"
+        assert not job["step_rad"].any()
+
+
+def test_gains_that_do_not_cover_the_plan_are_refused_in_a_sentence() -> None:
+    image = read_image(GAINS / "rlv" / "planned-lqr.load")
+    for part, words in (
+        (slice(0, 20), "tracker.index goes from 0.05 to"),
+        (slice(40, 66), "allowed from at most"),
+    ):
+        body = image.body.copy()
+        table = body["law"]["tracker"][0]
+        rows = table["index"][part].copy()
+        table["index"][: len(rows)], table["n_rows"] = rows, len(rows)
+        with pytest.raises(LoadError, match=words):
+            parse_image(image_bytes(LAW, image.mission, body), "other.load")

@@ -11,6 +11,7 @@ import pytest
 from flight_sw import load_image
 from flight_sw.load_image import HEADER
 from sim_harness.bus.hub import Hub
+from sim_harness.mission.mission import GAINS
 from tools.cli import main
 
 Run = Callable[..., tuple[int, str, str]]
@@ -116,6 +117,24 @@ def test_a_spoilt_load_image_is_refused_before_anything_flies(
     assert status == 1
     assert str(path) in err
     assert words in err
+
+
+@pytest.mark.parametrize(
+    ("mission", "load", "words"),
+    [
+        ("hyperion-1", "rlv/planned-lqr", ["made for mission rlv", "onboard.vehicle.mass_kg is"]),
+        ("rlv", "hyperion-1/lqy", ["made for mission hyperion-1", "as in rlv"]),
+        ("hyperion-1", "mars-lander/drag-state", ["onboard.planet.radius_m is"]),
+    ],
+)
+def test_a_load_of_another_vehicle_or_planet_is_refused(
+    run: Run, mission: str, load: str, words: list[str]
+) -> None:
+    path = GAINS / f"{load}.load"
+    status, out, err = run("fly", mission, "--load", str(path), "--bus", "memory")
+    assert (status, out) == (1, "")
+    assert str(path) in err and err.count("\n") == 1
+    assert all(word in err for word in words), err
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,23 @@ PLAN_SPEC = RecordSpec.of(
     Field("state", -1e12, 1e12, shape=(ROWS_MAX, N_STATES)),
 )
 
+COVERED_RATIO = 0.75  # of the plan's index behind which errors are fed back: gains reach so far
+
+
+def _gains_cover_the_plan(design: Record) -> str:
+    """Gains begin where errors are fed back and reach over most of the plan."""
+    table, plan = design["tracker"], design["stored"]
+    first, last = (float(table["index"][i]) for i in (0, int(table["n_rows"]) - 1))
+    begins = float(table["feedback_from_index"])
+    reaches = begins + COVERED_RATIO * (float(plan["index"][int(plan["n_rows"]) - 1]) - begins)
+    if first <= begins and last >= reaches:
+        return ""
+    return (
+        f"tracker.index goes from {first:g} to {last:g}, allowed from at most {begins:g} "
+        f"(feedback_from_index) to at least {reaches:.4g}, {COVERED_RATIO:.0%} of the plan"
+    )
+
+
 DESIGN = RecordSpec(
     "planned_lqr",
     Field("plans_onboard", 0, 1, "0: the load's plan is flown", kind="u4"),
@@ -96,6 +113,7 @@ DESIGN = RecordSpec(
     Field("tracker", record=tracker.TRACKER),
     Field("guess", record=PROFILE_SPEC),
     Field("stored", record=PLAN_SPEC),
+    rules=(_gains_cover_the_plan,),
 )
 STATE = RecordSpec(
     "planned_lqr_state",
