@@ -191,7 +191,8 @@ def _check_made_for(image: LoadImage, mission: Mission, load: Path) -> None:
         if not math.isclose(theirs, ours, rel_tol=1e-9):
             raise FlightError(
                 f"--load {load}: is made for mission {short(image.mission)}, its "
-                f"onboard.{part}.{name} is {theirs:z.10g}, allowed {ours:z.10g} as in {mission.name}"
+                f"onboard.{part}.{name} is {theirs:z.10g}, allowed {ours:z.10g} as in "
+                f"{mission.name}"
             )
 
 
