@@ -16,13 +16,16 @@ import numpy as np
 from flight_sw.errors import DesignError, FlightError, MissionError
 from flight_sw.load_image import LoadImage, read_image
 from flight_sw.model.onboard import ONBOARD
+from sim_harness.mission.case_keys import case_of
 from sim_harness.mission.documents import read_toml, short
 from sim_harness.mission.errors import nearest
 from sim_harness.mission.mission import (
+    NOT_IN_A_CASE,
     SHIPPED,
     Mission,
     apply,
     find,
+    full_names,
     leaf_keys,
     models_first,
     resolve,
@@ -48,7 +51,7 @@ MADE_FOR = (
 )
 """Fields of a load's `onboard` that tell one planet and vehicle from another."""
 SET_POINT = "limits.heat_flux_max_kwpm2"
-NOT_SETTABLE = ("name", "title", "source", "design.mission", "design.laws", "guidance.law")
+NOT_SETTABLE = (*NOT_IN_A_CASE, "design.mission", "design.laws")
 
 
 class Prepared(NamedTuple):
@@ -62,6 +65,8 @@ class Prepared(NamedTuple):
     """The load was made for this flight, it is not the stored one."""
     comparable: bool
     """Nothing but the heat-flux set point differs from the mission as shipped."""
+    case: str | None = None
+    """Which of the mission's cases it is."""
 
 
 def parse(settings: list[str]) -> dict[str, str]:
@@ -76,11 +81,14 @@ def parse(settings: list[str]) -> dict[str, str]:
 
 
 def split(
-    pairs: dict[str, str], raw: dict[str, Any], tree: dict[str, Any]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Overrides of the mission and of the design, under their full names."""
+    pairs: dict[str, str], raw: dict[str, Any], tree: dict[str, Any], case: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Overrides of the mission and of the design, under their full names: those of a case, and in
+    their place or beside them what is set."""
     raw = deepcopy(raw)
-    mission, design = {}, {}
+    mission: dict[str, Any] = full_names(case, raw)
+    design: dict[str, str] = {}
+    apply(raw, mission)
     for key in models_first(pairs):
         if key.rsplit(".", 1)[-1] == "law":
             raise MissionError(f"--set {short(key)}: the law is chosen with --law")
@@ -94,7 +102,8 @@ def split(
         else:
             mission[full] = pairs[key]
             apply(raw, {full: pairs[key]})
-    return mission, design
+    there = leaf_keys(Mission, raw, lists=True)  # a model that is set takes the case's keys away
+    return {key: value for key, value in mission.items() if key in there}, design
 
 
 def design_keys(tree: Mapping[str, Any]) -> tuple[list[str], list[str]]:
@@ -140,7 +149,7 @@ def told_of(world: Mapping[str, Value]) -> dict[str, Value]:
     }
 
 
-def with_values(tree: dict[str, Any], values: Mapping[str, float | str]) -> dict[str, Any]:
+def with_values(tree: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Tables with values put in by their full dotted keys; the tables given stay as they are."""
     changed = dict(tree)
     for key, value in values.items():
@@ -161,7 +170,7 @@ def gains_command(folder: Path) -> str:
 
 
 def _remade(
-    folder: Path, law: str, mission_file: Path, told: dict[str, str], changes: dict[str, str]
+    folder: Path, law: str, mission_file: Path, told: dict[str, Any], changes: dict[str, str]
 ) -> bytes:
     """The image of a law for a mission and design with overrides."""
     path = folder / DESIGN_NAME
@@ -182,18 +191,27 @@ def _check_made_for(image: LoadImage, mission: Mission, load: Path) -> None:
         if not math.isclose(theirs, ours, rel_tol=1e-9):
             raise FlightError(
                 f"--load {load}: is made for mission {short(image.mission)}, its "
-                f"onboard.{part}.{name} is {theirs:.10g}, allowed {ours:.10g} as in {mission.name}"
+                f"onboard.{part}.{name} is {theirs:z.10g}, allowed {ours:z.10g} as in "
+                f"{mission.name}"
             )
 
 
-def prepare(target: str, law: str | None, settings: list[str], load: Path | None) -> Prepared:
+def case_values(mission: Mission, case: str | None) -> dict[str, Any]:
+    """What a case of the mission changes; nothing without a case."""
+    return {} if case is None else case_of(mission.cases, case, mission.name).keys
+
+
+def prepare(
+    target: str, law: str | None, settings: list[str], load: Path | None, case: str | None = None
+) -> Prepared:
     """Mission, law and load image of a flight; raises AeroshellError with what is wrong."""
     file = find(target)
     plain = load_mission(file)
     folder = plain.gains_folder
     has_design = (folder / DESIGN_NAME).is_file()
     tree = read_tree(folder / DESIGN_NAME) if has_design else {}
-    world, changes = split(parse(settings), read_toml(file), tree)
+    of_case = case_values(plain, case)
+    world, changes = split(parse(settings), read_toml(file), tree, of_case)
     mission = load_mission(file, world) if world else plain
     if load is not None:
         if changes:
@@ -202,7 +220,7 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
         if law is not None and image.law != law:
             raise FlightError(f"--load {load}: is for law '{image.law}', --law says '{law}'")
         _check_made_for(image, plain, load)
-        return Prepared(mission, image.law, load.read_bytes(), load, False, False)
+        return Prepared(mission, image.law, load.read_bytes(), load, False, False, case)
     chosen = law or mission.guidance.law
     if not has_design:
         raise DesignError(
@@ -219,8 +237,9 @@ def prepare(target: str, law: str | None, settings: list[str], load: Path | None
     comparable = file.parent == SHIPPED and not changes and set(world) <= {SET_POINT}
     if told or changes:
         return Prepared(
-            mission, chosen, _remade(folder, chosen, file, told, changes), path, True, comparable
-        )
+            mission, chosen, _remade(folder, chosen, file, told, changes), path, True, comparable,
+            case,
+        )  # fmt: skip
     if not path.is_file():
         raise DesignError(f"{path} does not exist, `{gains_command(folder)}` makes it")
-    return Prepared(mission, chosen, path.read_bytes(), path, False, comparable)
+    return Prepared(mission, chosen, path.read_bytes(), path, False, comparable, case)

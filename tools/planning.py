@@ -46,6 +46,7 @@ class Told(NamedTuple):
     dt_s: float
     columns: dict[str, np.ndarray]
     """Index, states, controls and heat flux along the plan; SI."""
+    case: str | None = None
 
     @property
     def ending(self) -> str:
@@ -92,9 +93,11 @@ def columns_of(load: Record, plan: Record) -> dict[str, np.ndarray]:
     return {**found, **extra}
 
 
-def plan_of(target: str, settings: list[str], load_path: Path | None) -> Told:
+def plan_of(
+    target: str, settings: list[str], load_path: Path | None, case: str | None = None
+) -> Told:
     """The plan of a mission; raises AeroshellError where the mission has no law that plans."""
-    prepared = prepare(target, None if load_path else LAW, settings, load_path)
+    prepared = prepare(target, None if load_path else LAW, settings, load_path, case)
     if prepared.law != LAW:
         raise FlightError(f"{prepared.load_path}: is for law '{prepared.law}', which plans nothing")
     load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
@@ -103,15 +106,16 @@ def plan_of(target: str, settings: list[str], load_path: Path | None) -> Told:
     columns: dict[str, np.ndarray] = {}
     if int(planned.plan["n_rows"][0]) > 0:
         columns = columns_of(load[0], planned.plan[0])
-    return Told(prepared.mission, planned, float(load["dt_s"][0]), columns)
+    return Told(prepared.mission, planned, float(load["dt_s"][0]), columns, case)
 
 
 def to_json(told: Told) -> dict[str, Any]:
     """Everything as plain values, angles in degrees."""
     job, plan = told.planned.job[0], told.planned.plan[0]
     n = int(plan["profile"]["n_bank"])
-    found = {
+    found: dict[str, Any] = {
         "mission": told.mission.name,
+        "case": told.case,
         "ending": told.ending,
         "iterations": iterations_of(job) if told.columns else [],
         "flights_ahead": int(job["flights"]),

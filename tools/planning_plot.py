@@ -84,7 +84,7 @@ def plot(told: Told, path: Path) -> None:
     panels = (_convergence, _controls, _altitude, _track, _heat, _path_angle)
     for draw, axes in zip(panels, figure.subplots(3, 2).ravel(), strict=True):
         draw(axes, told)
-    figure.suptitle(f"{told.mission.title}: what the computer plans", fontsize=11)
+    figure.suptitle(f"{told.mission.titled(told.case)}: what the computer plans", fontsize=11)
     try:
         figure.savefig(path, dpi=DPI)
     except (OSError, ValueError) as error:

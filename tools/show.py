@@ -116,7 +116,8 @@ def result_table(summary: dict[str, Any], mission: Mission, comparable: bool) ->
         row = published(mission.name, summary["law"], mission.limits.heat_flux_max_kwpm2)
     source = row.source if row else ""
     trigger = f" ({summary['end_trigger']})" if summary["end_trigger"] else ""
-    table = Table(title=f"{mission.title}: law {summary['law']}, {summary['outcome']}{trigger}")
+    title = mission.titled(summary["case"])
+    table = Table(title=f"{title}: law {summary['law']}, {summary['outcome']}{trigger}")
     table.add_column("")
     table.add_column("flown", justify="right")
     if row:

@@ -28,6 +28,9 @@ N_STATES, N_CONTROLS = len(STATES), len(CONTROLS)
 V, GAMMA, PSI, RADIUS, PHI, LAMBDA = range(N_STATES)
 ALPHA, BANK = range(N_CONTROLS)
 
+Sines = tuple[float, float, float, float, float, float]
+"""Sine and cosine of path angle, heading and latitude."""
+
 V_MIN_MPS = 1.0  # floors, each with the sign of what it replaces
 COS_GAMMA_MIN = 1e-4
 COS_PHI_MIN = 1e-6
@@ -100,9 +103,9 @@ def motion_rates(
 
 
 @kernel
-def _pull_partials(planet: Record, x: F8, out: Record) -> None:
+def _pull_partials(planet: Record, x: F8, sines: Sines, out: Record) -> None:
     """What gravity and centrifugal acceleration change by over radius and latitude."""
-    sin_phi, cos_phi = math.sin(x[PHI]), math.cos(x[PHI])
+    _, _, _, _, sin_phi, cos_phi = sines
     r = x[RADIUS]
     spin_sq = planet["rotation_radps"] * planet["rotation_radps"]
     central = planet["mu_m3ps2"] / (r * r)
@@ -120,10 +123,9 @@ def _pull_partials(planet: Record, x: F8, out: Record) -> None:
 
 
 @kernel
-def _speed_partials(x: F8, out: Record) -> None:
+def _speed_partials(sines: Sines, out: Record) -> None:
     """Row of the speed's rate."""
-    sin_gamma, cos_gamma = math.sin(x[GAMMA]), math.cos(x[GAMMA])
-    sin_psi, cos_psi = math.sin(x[PSI]), math.cos(x[PSI])
+    sin_gamma, cos_gamma, sin_psi, cos_psi, _, _ = sines
     forces = out["forces"]
     a = out["by_state"]
     ahead = cos_gamma * cos_psi
@@ -139,21 +141,19 @@ def _speed_partials(x: F8, out: Record) -> None:
 
 
 @kernel
-def _path_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> None:
+def _path_partials(planet: Record, x: F8, sines: Sines, cos_bank: float, out: Record) -> None:
     """Row of the path angle's rate."""
-    sin_gamma, cos_gamma = math.sin(x[GAMMA]), math.cos(x[GAMMA])
-    sin_psi, cos_psi = math.sin(x[PSI]), math.cos(x[PSI])
+    sin_gamma, cos_gamma, sin_psi, cos_psi, sin_phi, cos_phi = sines
     v, r = x[V], x[RADIUS]
     spin_twice = 2.0 * planet["rotation_radps"]
     up, north = out["up_mps2"], out["north_mps2"]
     forces = out["forces"]
     a = out["by_state"]
     back = sin_gamma * cos_psi
-    cos_bank = math.cos(bank_rad)
     normal = forces["lift_mps2"] * cos_bank + up * cos_gamma - north * back
     a[GAMMA, V] = (forces["lift_by_v_1ps"] * cos_bank - normal / v) / v + cos_gamma / r
     a[GAMMA, GAMMA] = -(up * sin_gamma + north * cos_gamma * cos_psi) / v - v * sin_gamma / r
-    a[GAMMA, PSI] = north * sin_gamma * sin_psi / v + spin_twice * math.cos(x[PHI]) * cos_psi
+    a[GAMMA, PSI] = north * sin_gamma * sin_psi / v + spin_twice * cos_phi * cos_psi
     a[GAMMA, RADIUS] = (
         forces["lift_by_alt_1ps2"] * cos_bank
         + out["up_by_radius_1ps2"] * cos_gamma
@@ -161,21 +161,18 @@ def _path_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> None:
     ) / v - v * cos_gamma / (r * r)
     a[GAMMA, PHI] = (
         out["up_by_phi_mps2prad"] * cos_gamma - out["north_by_phi_mps2prad"] * back
-    ) / v - spin_twice * math.sin(x[PHI]) * sin_psi
+    ) / v - spin_twice * sin_phi * sin_psi
 
 
 @kernel
-def _heading_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> None:
+def _heading_partials(planet: Record, x: F8, sines: Sines, sin_bank: float, out: Record) -> None:
     """Row of the heading's rate."""
-    sin_gamma, cos_gamma = math.sin(x[GAMMA]), math.cos(x[GAMMA])
-    sin_psi, cos_psi = math.sin(x[PSI]), math.cos(x[PSI])
-    sin_phi, cos_phi = math.sin(x[PHI]), math.cos(x[PHI])
+    sin_gamma, cos_gamma, sin_psi, cos_psi, sin_phi, cos_phi = sines
     v, r = x[V], x[RADIUS]
     spin_twice = 2.0 * planet["rotation_radps"]
     north = out["north_mps2"]
     forces = out["forces"]
     a = out["by_state"]
-    sin_bank = math.sin(bank_rad)
     across = v * cos_gamma
     sideways = forces["lift_mps2"] * sin_bank - north * sin_psi
     tan_gamma, tan_phi = sin_gamma / cos_gamma, sin_phi / cos_phi
@@ -202,11 +199,9 @@ def _heading_partials(planet: Record, x: F8, bank_rad: float, out: Record) -> No
 
 
 @kernel
-def _place_partials(x: F8, out: Record) -> None:
+def _place_partials(x: F8, sines: Sines, out: Record) -> None:
     """Rows of radius, latitude and longitude."""
-    sin_gamma, cos_gamma = math.sin(x[GAMMA]), math.cos(x[GAMMA])
-    sin_psi, cos_psi = math.sin(x[PSI]), math.cos(x[PSI])
-    cos_phi = math.cos(x[PHI])
+    sin_gamma, cos_gamma, sin_psi, cos_psi, _, cos_phi = sines
     v, r = x[V], x[RADIUS]
     a = out["by_state"]
     a[RADIUS, V], a[RADIUS, GAMMA] = sin_gamma, v * cos_gamma
@@ -233,14 +228,19 @@ def motion_partials(
     """
     motion_rates(onboard, atmosphere, x, alpha_rad, bank_rad, out)
     planet = onboard["planet"]
-    _pull_partials(planet, x, out)
-    _speed_partials(x, out)
-    _path_partials(planet, x, bank_rad, out)
-    _heading_partials(planet, x, bank_rad, out)
-    _place_partials(x, out)
-    forces = out["forces"]
-    v, across = x[V], x[V] * math.cos(x[GAMMA])
+    cos_gamma = math.cos(x[GAMMA])
+    sines = (
+        math.sin(x[GAMMA]), cos_gamma, math.sin(x[PSI]), math.cos(x[PSI]), math.sin(x[PHI]),
+        math.cos(x[PHI]),
+    )  # fmt: skip
     sin_bank, cos_bank = math.sin(bank_rad), math.cos(bank_rad)
+    _pull_partials(planet, x, sines, out)
+    _speed_partials(sines, out)
+    _path_partials(planet, x, sines, cos_bank, out)
+    _heading_partials(planet, x, sines, sin_bank, out)
+    _place_partials(x, sines, out)
+    forces = out["forces"]
+    v, across = x[V], x[V] * cos_gamma
     b = out["by_control"]
     b[V, ALPHA] = -forces["drag_by_alpha_mps2prad"]
     b[GAMMA, ALPHA] = forces["lift_by_alpha_mps2prad"] * cos_bank / v

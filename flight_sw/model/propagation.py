@@ -139,25 +139,37 @@ def controls_of(path: Record, profile: Record, index: float) -> tuple[float, flo
 def _sensitivity_rates(
     onboard: Record, profile: Record, path: Record, work: Record, stage: int, index: float
 ) -> None:
-    """Rates of `by_knot` at a stage: the partials already stand in `work`."""
+    """Rates of `by_knot` at a stage: the partials already stand in `work`.
+
+    The knots are the innermost loop, which then runs on several of them at once; until the step is
+    summed the rows of the excess hold what the controls change by.
+    """
     motion = work["motion"]
     index_slopes(profile, onboard["planet"], work["x"], motion, work["slopes"])
     _, _, alpha_slope, bank_slope = controls_of(path, profile, index)
-    a, b = motion["by_state"], motion["by_control"]
     n_bank = np.int64(profile["n_bank"])
-    for k in range(n_bank):
-        by_index = 0.0
-        for j in range(N_STATES):
-            by_index += work["slopes"][j] * work["by_knot"][j, k]
-        bank = bank_slope * by_index + weight_of(
-            profile["bank_index"], n_bank, path["bank_segment"], index, k
+    knots, x, rate = profile["bank_index"], work["by_knot"], work["by_knot_rate"][stage]
+    alpha, bank = work["excess_by_knot_rate"][stage], work["excess_by_knot"]
+    s = work["slopes"]
+    s0, s1, s2, s3, s4, s5 = s[0], s[1], s[2], s[3], s[4], s[5]
+    for k in range(KNOTS_MAX):
+        by_index = (
+            s0 * x[0, k] + s1 * x[1, k] + s2 * x[2, k] + s3 * x[3, k] + s4 * x[4, k] + s5 * x[5, k]
         )
-        alpha = alpha_slope * by_index
-        for i in range(N_STATES):
-            total = b[i, ALPHA] * alpha + b[i, BANK] * bank
-            for j in range(N_STATES):
-                total += a[i, j] * work["by_knot"][j, k]
-            work["by_knot_rate"][stage, i, k] = total
+        alpha[k] = alpha_slope * by_index
+        bank[k] = bank_slope * by_index
+    for k in range(n_bank):
+        bank[k] += weight_of(knots, n_bank, path["bank_segment"], index, k)
+    for i in range(N_STATES):
+        a, b = motion["by_state"][i], motion["by_control"][i]
+        a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
+        by_alpha, by_bank = b[ALPHA], b[BANK]
+        for k in range(KNOTS_MAX):
+            rate[i, k] = (
+                by_alpha * alpha[k] + by_bank * bank[k]
+                + a0 * x[0, k] + a1 * x[1, k] + a2 * x[2, k]
+                + a3 * x[3, k] + a4 * x[4, k] + a5 * x[5, k]
+            )  # fmt: skip
 
 
 @seldom_kernel
@@ -246,11 +258,12 @@ def _rk4(
 def _sum_sensitivities(path: Record, work: Record, sixth: float) -> None:
     rate = work["by_knot_rate"]
     e = work["excess_by_knot_rate"]
-    for k in range(KNOTS_MAX):
-        for i in range(N_STATES):
+    for i in range(N_STATES):
+        for k in range(KNOTS_MAX):
             work["by_knot"][i, k] = path["by_knot"][i, k] + sixth * (
                 rate[0, i, k] + 2.0 * (rate[1, i, k] + rate[2, i, k]) + rate[3, i, k]
             )
+    for k in range(KNOTS_MAX):
         work["excess_by_knot"][k] = path["excess_by_knot"][k] + sixth * (
             e[0, k] + 2.0 * (e[1, k] + e[2, k]) + e[3, k]
         )
@@ -281,6 +294,8 @@ def _land(
     at_low = _beyond(profile, conditions, planet, path, work, low, what)
     now = high
     side = 0
+    sensed = conditions["has_sensitivities"]
+    conditions["has_sensitivities"] = 0  # which step it is hangs on the motion alone
     for _ in range(LANDINGS_MAX):
         if not at_high > at_low:
             break
@@ -297,6 +312,9 @@ def _land(
             low, at_low = now, at_now
             at_high = 0.5 * at_high if side < 0 else at_high
             side = -1
+    conditions["has_sensitivities"] = sensed
+    if sensed == 1:
+        _rk4(onboard, atmosphere, profile, conditions, path, work, now)
     return now
 
 

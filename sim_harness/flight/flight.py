@@ -91,6 +91,8 @@ class FlightPlan:
     """A flight computer of other sources is warned of, not refused."""
     own_computer: bool = True
     """False: a flight computer with this load is on the bus already."""
+    case: str | None = None
+    """Which of the mission's cases it is."""
 
 
 class Onboard(NamedTuple):

@@ -155,6 +155,7 @@ def flight_facts(run: FlightRun) -> dict[str, Any]:
     truth = run.harness["truth"][0]
     facts = {
         "mission": run.plan.mission.name,
+        "case": run.plan.case,
         "law": run.image.law,
         "seed": run.plan.seed,
         "outcome": run.outcome_text,

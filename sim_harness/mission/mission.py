@@ -1,14 +1,16 @@
 """Missions as files state them: a shipped one or a file of one's own, with overrides."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self, get_origin
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from flight_sw.errors import MissionError
 from sim_harness.mission.air_keys import AerodynamicDeviation, DensityDeviation, Wind
+from sim_harness.mission.case_keys import Case, grouped_cases
 from sim_harness.mission.dispersion_keys import Dispersions, Judgement, Requirement, grouped
 from sim_harness.mission.documents import quoted, read_toml, short
 from sim_harness.mission.errors import (
@@ -35,20 +37,20 @@ from sim_harness.mission.keys import (
     Vehicle,
 )
 from sim_harness.mission.navigation_keys import Navigation
-from sim_harness.mission.quantities import Section, Text, is_name, plain, refusal
+from sim_harness.mission.quantities import NAME_ALLOWED, Section, Text, is_name, plain, refusal
 from sim_harness.mission.site_keys import NoFlyZone, Waypoint
 
 SHIPPED = Path(__file__).parents[1] / "missions"
 GAINS = Path(__file__).parents[2] / "gains"
 SUFFIX = ".toml"
+NOT_IN_A_CASE = ("name", "title", "source", "guidance.law", "guidance.gains")
+"""Keys that say which mission it is, or what flies it by default: no case and no --set has them."""
 
 
 class Mission(Section):
     """A mission as its file states it, in the file's units; its world is made in SI from it."""
 
-    name: Annotated[
-        str, Text("short name, used for folders", "lower-case letters, digits, . _ -", is_name)
-    ]
+    name: Annotated[str, Text("short name, used for folders", NAME_ALLOWED, is_name)]
     title: Annotated[str, Text("one line that `aeroshell missions` shows", "a text")]
     source: Annotated[str, Text("where the numbers come from")] = ""
     planet: Planet
@@ -67,6 +69,7 @@ class Mission(Section):
     actuators: Actuators = Actuators()
     navigation: Navigation = Navigation()
     guidance: Guidance
+    cases: dict[str, Case] = Field(default={})
     dispersions: dict[str, Dispersions] = Field(default={})
     judgement: Judgement = Judgement()
     requirements: list[Requirement] = Field(default=[])
@@ -111,6 +114,13 @@ class Mission(Section):
             return self._path.parent / self.guidance.gains
         return GAINS / self.name
 
+    def titled(self, case: str | None) -> str:
+        """The mission's title, with that of one of its cases."""
+        if case is None:
+            return self.title
+        of_case = f": {self.cases[case].title}" if case in self.cases else ""
+        return f"{self.title}, {case}{of_case}"
+
     def as_modelled(self) -> Self:
         """The mission as the ground models it: without factors, random profiles and winds."""
         density, forces = DensityDeviation().model_dump(), AerodynamicDeviation().model_dump()
@@ -139,9 +149,7 @@ def list_missions() -> list[Shipped]:
     return found
 
 
-def read_mission(
-    name_or_path: str | Path, overrides: Mapping[str, float | str] | None = None
-) -> Mission:
+def read_mission(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Mission:
     """A shipped mission by name, or one's own by the path of its TOML file, not yet tried out.
 
     `world.missions.load_mission` also refuses what cannot be flown.
@@ -149,6 +157,9 @@ def read_mission(
     path = find(name_or_path)
     raw = read_toml(path)
     label = path.name
+    if "cases" in raw:
+        stated_mission(raw, path, label)
+        check_cases(raw, label)
     if overrides:
         apply(raw, overrides)
         label = f"{path.name} with overrides"
@@ -159,12 +170,46 @@ def stated_mission(raw: dict[str, Any], path: Path, label: str) -> Mission:
     """The mission that a file's tables state; `label` is what a refusal calls them."""
     if "dispersions" in raw:
         raw = {**raw, "dispersions": grouped(raw["dispersions"])}
+    if "cases" in raw:
+        raw = {**raw, "cases": grouped_cases(raw["cases"])}
     try:
         mission = Mission.model_validate(raw)
     except ValidationError as error:
         raise MissionError("\n".join(sentences(Mission, raw, error, label))) from None
     mission._path = path
     return mission
+
+
+def check_cases(raw: dict[str, Any], label: str) -> None:
+    """Refuse cases with names, keys or values that are not allowed, whichever is flown."""
+    stated = {key: value for key, value in raw.items() if key != "cases"}
+    for name, case in grouped_cases(raw["cases"]).items():
+        if not is_name(name):
+            raise MissionError(f"{label}: cases.{short(name)} is no name, allowed {NAME_ALLOWED}")
+        try:
+            values = full_names(case["keys"], stated)
+        except MissionError as error:
+            raise MissionError(f"{label}: cases.{name}.{error}") from None
+        changed = deepcopy(stated)
+        apply(changed, values, value=lambda text: text)  # "5" is no number in a file
+        stated_mission(changed, Path(label), f"{label}, case {name}")
+
+
+def full_names(values: Mapping[str, Any], raw: dict[str, Any]) -> dict[str, Any]:
+    """A case's values under the full names of their keys."""
+    tree = deepcopy(raw)
+    found: dict[str, Any] = {}
+    for key in models_first(values):
+        if values[key] == {}:
+            raise MissionError(f"{short(key)} is an empty table, allowed one with values")
+        full = resolve(key, leaf_keys(Mission, tree, lists=True))
+        if full in NOT_IN_A_CASE:
+            raise MissionError(f"{key} is not a case's to change, allowed are other keys")
+        if full in found:
+            raise MissionError(f"{key} is given twice, allowed one value a key")
+        found[full] = values[key]
+        apply(tree, {full: values[key]})
+    return found
 
 
 def find(name_or_path: str | Path) -> Path:
@@ -185,29 +230,35 @@ def find(name_or_path: str | Path) -> Path:
     return path
 
 
-def leaf_keys(section: type[Section], raw: Any, prefix: str = "") -> list[str]:
-    """Dotted names of all keys that take one value, given the models the file selects."""
+def leaf_keys(
+    section: type[Section], raw: Any, prefix: str = "", *, lists: bool = False
+) -> list[str]:
+    """Dotted names of all keys that take one value, given the models the file selects; with those
+    that take a list of tables, if these are asked for."""
     keys: list[str] = []
     for key, field in section.model_fields.items():
         dotted = prefix + key
         below = raw.get(key) if isinstance(raw, dict) else None
         if sections_of(item_of(field.annotation)):
+            if lists and get_origin(field.annotation) is list:
+                keys.append(dotted)
             continue
         if not sections_of(field.annotation):
             keys.append(dotted)
         elif (inner := chosen(field.annotation, below)) is not None:
-            keys.extend(leaf_keys(inner, below, f"{dotted}."))
+            keys.extend(leaf_keys(inner, below, f"{dotted}.", lists=lists))
     return keys
 
 
-def differences(mission: Mission) -> dict[str, float | str]:
+def differences(mission: Mission) -> dict[str, Any]:
     """The keys in which a mission differs from its file, with its values: as overrides."""
-    found: dict[str, float | str] = {}
+    found: dict[str, Any] = {}
     own, plain = mission.model_dump(), read_mission(mission.path).model_dump()
-    for key in leaf_keys(Mission, own):
+    stated_alone = mission.model_dump(exclude_unset=True)  # a default may be no value to state
+    for key in leaf_keys(Mission, own, lists=True):
         value, stated = _value_at(own, key), _value_at(plain, key)
-        if value != stated and isinstance(value, float | int | str):
-            found[key] = value
+        if value != stated and value is not None:
+            found[key] = _value_at(stated_alone, key) if isinstance(value, list) else value
     return found
 
 
@@ -218,12 +269,12 @@ def _value_at(tree: Any, key: str) -> Any:
     return tree
 
 
-def value_of(text: float | str) -> float | str:
-    """An override's number where it reads as one, else its text."""
+def value_of(stated: Any) -> Any:
+    """An override's value: a text's number where it reads as one, anything else as it is."""
     try:
-        return float(text)
+        return float(stated) if isinstance(stated, str) else stated
     except ValueError:
-        return text
+        return stated
 
 
 def resolve(key: str, known: list[str]) -> str:
@@ -246,17 +297,20 @@ def models_first(keys: Iterable[str]) -> list[str]:
     return sorted(keys, key=lambda key: key.rsplit(".", 1)[-1] != TAG)
 
 
-def apply(raw: dict[str, Any], overrides: Mapping[str, float | str]) -> None:
-    """Writes overrides into what the file said; another model takes over only what it shares."""
+def apply(
+    raw: dict[str, Any], overrides: Mapping[str, Any], value: Callable[[Any], Any] = value_of
+) -> None:
+    """Writes overrides into what the file said; another model takes over only what it shares, and a
+    list is replaced whole."""
     for key in models_first(overrides):
-        *parents, leaf = resolve(key, leaf_keys(Mission, raw)).split(".")
+        *parents, leaf = resolve(key, leaf_keys(Mission, raw, lists=True)).split(".")
         before = annotation_at(Mission, raw, tuple(parents))
         table = raw
         for parent in parents:
             table = table.setdefault(parent, {})
             if not isinstance(table, dict):
                 raise MissionError(f"{key}: {parent} is {plain(table)}, allowed a table")
-        table[leaf] = value_of(overrides[key])
+        table[leaf] = value(overrides[key])
         after = annotation_at(Mission, raw, tuple(parents))
         if leaf == TAG and after is not before and isinstance(after, type):
             for name in [name for name in table if not _is_shared(name, before, after)]:

@@ -18,6 +18,7 @@ from sim_harness.mission.documents import quoted, short
 
 INF = math.inf
 NAME_PATTERN = re.compile(r"[a-z0-9][a-z0-9._-]*")
+NAME_ALLOWED = "lower-case letters, digits, . _ -"
 
 
 def refusal(text: str) -> PydanticCustomError:

@@ -26,9 +26,14 @@ def default_of(field: Any) -> str:
         return "required"
     if field.default is PydanticUndefined or field.default is None:
         return "none"
-    if field.default == []:
+    if field.default in ([], {}):
         return "none"
     return f"{field.default:.12g}" if isinstance(field.default, float) else f"{field.default}"
+
+
+def meaning_of(field: Any) -> str:
+    """What a key without a quantity is about."""
+    return next((m.meaning for m in field.metadata if isinstance(m, Meaning)), "")
 
 
 def row(key: str, field: Any) -> str:
@@ -40,11 +45,13 @@ def row(key: str, field: Any) -> str:
         allowed = mark.allowed.removesuffix(f" {unit}")
     elif get_origin(field.annotation) is list:
         allowed = "a list of texts"
+    elif get_origin(field.annotation) is dict:
+        key, allowed, meaning = "<key>", "as that key's", meaning_of(field)
     elif isinstance(mark, Text):
         allowed, meaning = mark.allowed, mark.meaning
     elif get_origin(field.annotation) is Literal:
         allowed = ", ".join(f'"{value}"' for value in get_args(field.annotation))
-        meaning = next((m.meaning for m in field.metadata if isinstance(m, Meaning)), "")
+        meaning = meaning_of(field)
     default = default_of(field) if default_of(field) else '""'
     return f"| `{key}` | {unit} | {allowed} | {default} | {meaning} |"
 

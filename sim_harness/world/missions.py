@@ -8,9 +8,7 @@ from sim_harness.mission.mission import Mission, read_mission, stated_mission
 from sim_harness.world.assembly import world_of
 
 
-def load_mission(
-    name_or_path: str | Path, overrides: Mapping[str, float | str] | None = None
-) -> Mission:
+def load_mission(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Mission:
     """A shipped mission by name, or one's own by the path of its TOML file.
 
     Raises MissionError for a file, a key or a value that is not allowed, and for what a flight

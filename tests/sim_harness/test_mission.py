@@ -373,6 +373,6 @@ def test_a_mission_cannot_be_changed_after_loading():
 
 def test_raw_shipped_file_has_no_key_left_to_default_silently():
     raw = tomllib.loads(TEXT)
-    places = {"target", "waypoints", "no_fly_zones"}  # [MOOIJ18] names none
+    places = {"target", "waypoints", "no_fly_zones", "cases"}  # [MOOIJ18] names none
     assert set(raw) == set(Mission.model_fields) - places
     assert np.isinf(raw["actuators"]["bank"]["rate_max_degps"])

@@ -16,7 +16,7 @@ from sim_harness.mission.mission import GAINS
 from tests.system.flights import NAV_FRAMES, Computer, World, is_from_computer, shipped
 from tools.campaign.job import Flyer, Run, job_of
 from tools.gains.planned.offline import fix_at_entry, iterations_of, plan_offline
-from tools.reproduce.joshi import CASES_DEG, CORNERS, Case, flown
+from tools.reproduce.joshi import CORNERS, OF_THE_PAPER, Case, cases, flown
 
 pytestmark = pytest.mark.jit_only
 
@@ -25,13 +25,13 @@ HEAT_FLUX_MAX_WPCM2 = 70.0
 
 
 @functools.cache
-def case(latitude_deg: float, whole: bool) -> Case:
-    return flown(latitude_deg, (), tuple(CORNERS) if whole else ("nominal",))
+def case(name: str, whole: bool) -> Case:
+    return flown(name, (), tuple(CORNERS) if whole else ("nominal",))
 
 
-@pytest.mark.parametrize("latitude_deg", CASES_DEG)
-def test_a_nominal_flight_ends_at_its_target(latitude_deg: float) -> None:
-    found = case(latitude_deg, False)
+@pytest.mark.parametrize("name", cases())
+def test_a_nominal_flight_ends_at_its_target(name: str) -> None:
+    found = case(name, False)
     assert found.worst("latitude_error_deg") < 0.01
     assert found.worst("longitude_error_deg") < 0.01
     assert found.worst("altitude_error_km") < 0.05
@@ -39,11 +39,11 @@ def test_a_nominal_flight_ends_at_its_target(latitude_deg: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "latitude_deg",
-    [pytest.param(lat, marks=() if lat == 0.0 else pytest.mark.slow) for lat in CASES_DEG],
+    "name",
+    [pytest.param(n, marks=() if n == OF_THE_PAPER else pytest.mark.slow) for n in cases()],
 )
-def test_one_table_of_gains_flies_the_nine_corners(latitude_deg: float) -> None:
-    found = case(latitude_deg, True)
+def test_one_table_of_gains_flies_the_nine_corners(name: str) -> None:
+    found = case(name, True)
     assert found.worst("latitude_error_deg") < 0.2
     assert found.worst("longitude_error_deg") < 0.2
     assert found.worst("altitude_error_km") < 2.0

@@ -17,7 +17,7 @@ from sim_harness.mission.documents import short
 
 TEXTS = (
     "mission", "law", "outcome", "outcome_class", "end_trigger", "command_sha256", "load_crc32",
-    "limits_exceeded",
+    "limits_exceeded", "case",
 )  # fmt: skip
 """Columns of results that hold texts; all others hold numbers or truths."""
 COLUMNS_MAX = 1000

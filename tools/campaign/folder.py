@@ -51,6 +51,7 @@ class Identity(_Told):
     """What two campaigns must share to be one, as far as a reader needs it."""
 
     mission: str
+    case: str | None = None
     law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
     load_crc32: str
     dispersions: str
@@ -68,6 +69,7 @@ class KeptJob(_Told):
     design_tree: dict[str, Any]
     mission_file: str
     law: Literal[tuple(LAWS)]  # type: ignore[valid-type]
+    case: str | None = None
     load_file: str
 
 

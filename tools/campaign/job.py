@@ -34,6 +34,7 @@ from tools.overrides import (
     DESIGN_PREFIX,
     NOT_SETTABLE,
     Prepared,
+    case_values,
     is_told,
     parse,
     prepare,
@@ -43,7 +44,7 @@ from tools.overrides import (
 )
 
 Tree = dict[str, Any]
-NOT_FLOWN_WITH = ("dispersions", "requirements", "waypoints", "no_fly_zones")
+NOT_FLOWN_WITH = ("cases", "dispersions", "requirements", "waypoints", "no_fly_zones")
 """Tables of a mission that no flight reads."""
 
 
@@ -59,8 +60,10 @@ class Job(NamedTuple):
     law: str
     load_image: bytes
     load_file: str
-    settings: Mapping[str, str] = MappingProxyType({})
+    settings: Mapping[str, Any] = MappingProxyType({})
     """What was set for every run, by full names; `design.` before those of the gain design."""
+    case: str | None = None
+    """Which of the mission's cases it is."""
 
 
 class Run(NamedTuple):
@@ -92,15 +95,20 @@ def inlined(tree: Tree, file: Path) -> Tree:
 
 
 def job_of(
-    target: str, law: str | None, settings: list[str], load: Path | None
+    target: str,
+    law: str | None,
+    settings: list[str],
+    load: Path | None,
+    case: str | None = None,
 ) -> tuple[Job, Prepared]:
-    """The job of a mission, law and settings as `fly` takes them."""
-    prepared = prepare(target, law, settings, load)
+    """The job of a mission, law, case and settings as `fly` takes them."""
+    prepared = prepare(target, law, settings, load, case)
     file = find(target)
     folder = prepared.mission.gains_folder
     given = load is not None
     design = {} if given else read_tree(folder / DESIGN_NAME)
-    world, changes = split(parse(settings), read_toml(file), design)
+    of_case = case_values(prepared.mission, case)
+    world, changes = split(parse(settings), read_toml(file), design, of_case)
     flown, told = read_toml(file), read_toml(file)
     apply(flown, world)
     apply(told, told_of(world))
@@ -117,6 +125,7 @@ def job_of(
         load_image=prepared.load_image,
         load_file=str(prepared.load_path),
         settings=world | {DESIGN_PREFIX + key: value for key, value in changes.items()},
+        case=case,
     )
     return job, prepared
 
@@ -209,6 +218,7 @@ class Flyer:
             bus="memory",
             seed=run.seed,
             recorded=False,
+            case=self.job.case,
             truth_kept=bool(listeners),
             truth_rate_hz=RATE_HZ,
         )

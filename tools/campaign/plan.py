@@ -35,6 +35,7 @@ class Wanted(NamedTuple):
     law: str | None = None
     settings: tuple[str, ...] = ()
     load: Path | None = None
+    case: str | None = None
 
 
 class Plan(NamedTuple):
@@ -141,7 +142,9 @@ def plan_of(wanted: Wanted) -> Plan:
         raise FlightError(f"-n is {wanted.n}, allowed 1 to {FLIGHTS_MAX}")
     if not 0 <= wanted.seed <= SEED_MAX:
         raise FlightError(f"--seed is {wanted.seed}, allowed 0 to {SEED_MAX}")
-    job, prepared = job_of(wanted.mission, wanted.law, list(wanted.settings), wanted.load)
+    job, prepared = job_of(
+        wanted.mission, wanted.law, list(wanted.settings), wanted.load, wanted.case
+    )
     mission = prepared.mission
     where = f"dispersions.{wanted.dispersions}"
     found = set_of(mission.dispersions, wanted.dispersions, mission.name)
@@ -157,7 +160,8 @@ def plan_of(wanted: Wanted) -> Plan:
     varying_both = tuple(key for key in both if key in samples.keys)
     return Plan(
         job, samples, varying_both, identity_of(wanted, job, mission, samples, varying_both),
-        mission.requirements, mission.title, command_of(wanted), {**job.settings, **always},
+        mission.requirements, mission.titled(job.case), command_of(wanted),
+        {**job.settings, **always},
     )  # fmt: skip
 
 
@@ -165,6 +169,7 @@ def command_of(wanted: Wanted) -> str:
     """The command that flies the campaign, its folder left out."""
     words = ["aeroshell", "campaign", wanted.mission, "--dispersions", wanted.dispersions]
     words += ["-n", str(wanted.n), "--seed", str(wanted.seed)]
+    words += ["--case", wanted.case] if wanted.case else []
     words += ["--law", wanted.law] if wanted.law else []
     for setting in wanted.settings:
         words += ["--set", setting]
@@ -182,6 +187,7 @@ def identity_of(
     crc32 = Flyer(job).onboard.image.crc32
     return {
         "mission": mission.name,
+        "case": job.case,
         "mission_hash": digest_of(encoded(job.mission_tree)),
         "law": job.law,
         "load_crc32": f"0x{crc32:08x}",

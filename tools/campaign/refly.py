@@ -57,8 +57,9 @@ def refly(folder: Path, number: int) -> Reflight:
     run = run_in(folder, manifest, number)
     what = Flyer(job).prepared(run)
     prepared = Prepared(
-        what.mission, job.law, what.load_image, Path(job.load_file), what.remade, False
-    )
+        what.mission, job.law, what.load_image, Path(job.load_file), what.remade, False,
+        job.case,
+    )  # fmt: skip
     return Reflight(prepared, run.seed, row_in(folder, manifest, number))
 
 

@@ -139,6 +139,7 @@ class Store:
                     "design_tree": job.design_tree,
                     "mission_file": job.mission_file,
                     "law": job.law,
+                    "case": job.case,
                     "load_file": job.load_file,
                 }
             ),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flight_sw.runtime.streams import is_watched, say, tell
+from tools.commands.fly import NamedCase
 
 if TYPE_CHECKING:
     from tools.campaign.engine import Campaign
@@ -74,7 +75,7 @@ def _folder(out: Path | None, mission: str, law: str | None, name: str) -> Path:
     """The folder named, or the next free one below runs/."""
     if out is not None:
         return out
-    stem = f"{Path(mission).stem}-{law or 'default'}-{name}"
+    stem = f"{mission}-{law or 'default'}-{name}"
     names = (f"{stem}-{number:03d}" for number in range(1, 1_000_000))
     return next(CAMPAIGNS / name for name in names if not (CAMPAIGNS / name).exists())
 
@@ -84,6 +85,7 @@ def campaign(
         str, typer.Argument(help="a shipped mission, or the path of a mission TOML")
     ],
     *,
+    case: NamedCase = None,
     dispersions: Annotated[str, typer.Option(help="a dispersion set of the mission file")],
     n: Annotated[int, typer.Option("-n", "--flights", help="how many flights")],
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
@@ -116,8 +118,9 @@ def campaign(
     from tools.campaign.engine import run_campaign
     from tools.campaign.plan import Wanted
 
-    wanted = Wanted(mission, dispersions, n, seed, law, tuple(settings or ()), load)
-    folder = _folder(out, mission, law, dispersions)
+    wanted = Wanted(mission, dispersions, n, seed, law, tuple(settings or ()), load, case)
+    stem = "-".join(filter(None, (Path(mission).stem, case)))
+    folder = _folder(out, stem, law, dispersions)
     with ProgressOfMany(quiet=as_json) as progress:
         flown = run_campaign(wanted, folder, jobs, progress, cluster)
     if reported:

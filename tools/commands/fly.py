@@ -52,6 +52,13 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="override a mission or design key"),
 ]
+NamedCase = Annotated[
+    str | None, typer.Option("--case", help="a case of the mission file; --set changes it further")
+]
+Pace = Annotated[str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")]
+Synchronisation = Annotated[
+    str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
+]
 RunOfIt = Annotated[int | None, typer.Option("--run", help="which run of it, from 1")]
 
 
@@ -148,6 +155,7 @@ def _manifest(run: "FlightRun") -> dict[str, str]:
         "pace": pace_text(plan.pace),
         "synchronisation": plan.synchronisation,
         "mission": plan.mission.name,
+        **({"case": plan.case} if plan.case else {}),
         "law": run.image.law,
         "bus": plan.bus,
         "seed": str(plan.seed),
@@ -209,14 +217,11 @@ def fly(
     *,
     campaign: FromCampaign = None,
     run: RunOfIt = None,
+    case: NamedCase = None,
     law: Annotated[str | None, typer.Option(help="guidance law [default: the mission's]")] = None,
     bus: BusAddress = "unix",
-    pace: Annotated[
-        str, typer.Option(help="lockstep, realtime, or a factor such as 10x or 0.5x")
-    ] = "lockstep",
-    synchronisation: Annotated[
-        str, typer.Option(help="against the clock the computer waits for a frame or for the clock")
-    ] = "frame",
+    pace: Pace = "lockstep",
+    synchronisation: Synchronisation = "frame",
     settings: Settings = None,
     load: LoadFile = None,
     seed: Annotated[
@@ -237,12 +242,14 @@ def fly(
     from sim_harness.flight.flight import FlightPlan
     from tools.review.viewer import Live
 
-    own = {"MISSION": mission, "--law": law, "--set": settings, "--load": load, "--seed": seed}
+    own = {"MISSION": mission, "--case": case, "--law": law, "--set": settings, "--load": load,
+           "--seed": seed}  # fmt: skip
     prepared, seed, then = _what_to_fly(own, campaign, run)
     factor = pace_factor(pace)
     check_bus(bus, factor, synchronisation, external_computer=external_computer)
     rate_hz = checked_rate(telemetry_rate)
-    folder = Folder(out, prepared.mission.name, prepared.law, force)
+    name = "-".join(filter(None, (prepared.mission.name, prepared.case)))
+    folder = Folder(out, name, prepared.law, force)
     plan = FlightPlan(
         mission=prepared.mission,
         law=prepared.law,
@@ -252,6 +259,7 @@ def fly(
         seed=seed,
         truth_rate_hz=rate_hz,
         recorded=record or live or viewer is not None,
+        case=prepared.case,
         own_computer=not external_computer,
         other_sources=other_sources,
         pace=factor,
@@ -280,7 +288,8 @@ def _what_to_fly(
         raise typer.BadParameter("--from and --run go together")
     if campaign is None or run is None:
         settings = own["--set"] or []
-        return prepare(own["MISSION"], own["--law"], settings, own["--load"]), own["--seed"], None
+        asked = (own["MISSION"], own["--law"], settings, own["--load"], own["--case"])
+        return prepare(*asked), own["--seed"], None
     if given := [name for name, value in own.items() if value]:
         raise FlightError(f"--from {campaign}: takes no {given[0]}, the campaign says what flew")
     return refly(campaign, run)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flight_sw.runtime.streams import say, tell
+from tools.commands.fly import NamedCase
 
 if TYPE_CHECKING:
     from tools.planning import Told
@@ -18,6 +19,7 @@ def plan(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="another entry, target or design; repeat"),
     ] = None,
+    case: NamedCase = None,
     load: Annotated[
         Path | None, typer.Option("--load", help="the load image whose planner is run")
     ] = None,
@@ -32,7 +34,7 @@ def plan(
     """
     from tools.planning import plan_of, to_json
 
-    told = plan_of(mission, settings or [], load)
+    told = plan_of(mission, settings or [], load, case)
     if plot is not None:
         if not told.columns:
             say(f"aeroshell: {told.mission.name}: nothing was planned, {plot} is not drawn")
@@ -65,7 +67,8 @@ def _show(told: "Told") -> None:
     if not told.columns:
         console.print(f"{told.mission.name}: nothing can be planned from this entry; {spent}")
         return
-    table = Table(box=box.SIMPLE_HEAD)
+    title = told.mission.titled(told.case) if told.case else None
+    table = Table(title=title, box=box.SIMPLE_HEAD)
     for title, _, _ in HEADINGS:
         table.add_column(title, justify="right", no_wrap=True)
     for row in iterations_of(told.planned.job[0]):

@@ -71,3 +71,11 @@ def joshi(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
     from tools.reproduce.joshi import reproduce
 
     end_with(reproduce(quick=quick, progress=progress_line()), as_json)
+
+
+@app.command()
+def betts(*, as_json: JsonOption = False, quick: QuickOption = False) -> None:
+    """Orbiter of [BETTS10]: maximum crossrange, found with the computer's own motion."""
+    from tools.reproduce.betts import reproduce
+
+    end_with(reproduce(quick=quick, progress=progress_line()), as_json)

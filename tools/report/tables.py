@@ -89,6 +89,8 @@ def head_rows(sources: Sequence[Source]) -> list[tuple[str, list[str]]]:
         f"{len(s.results):,}" + ("" if len(s.results) == s.n else f" of {s.n:,}") for s in sources
     ]
     rows.insert(2, ("flights", flights))
+    if any(source.identity.get("case") for source in sources):
+        rows.insert(0, ("case", [str(source.identity.get("case") or NONE) for source in sources]))
     rows.insert(0, ("mission", [str(source.identity["mission"]) for source in sources]))
     rows.append(("version", [str(source.manifest.get("version", NONE)) for source in sources]))
     return rows

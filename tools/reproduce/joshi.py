@@ -12,13 +12,17 @@ import numpy as np
 
 from flight_sw.load_image import activate, parse_image
 from flight_sw.model.motion import jacobi_energy
+from sim_harness.mission.mission import read_mission
 from tools.campaign.job import Flyer, Run, job_of
 from tools.gains.planned.offline import fix_at_entry, iterations_of, plan_offline
 from tools.overrides import prepare
 from tools.reproduce.judged import Part, Progress, Reproduction, Row, at_least, at_most, told
 
 MISSION, LAW = "rlv", "planned-lqr"
-CASES_DEG = (20.0, 15.0, 0.0, -10.0, -15.0)
+OF_THE_PAPER = "case-3"
+"""The case of its Table 4."""
+PRINTED = {"case-2": ("0.1", "0", "0.05", "70.38"), "case-3": ("0.06", "0", "0", "69.8")}
+"""Its Table 3: errors of latitude, longitude and altitude, heat flux."""
 LITERAL = "design.plan.newton=literal"
 LIFT, DRAG = "vehicle.aerodynamics.lift_factor", "vehicle.aerodynamics.drag_factor"
 MASS, AIR = "vehicle.mass_kg", "atmosphere.density_factor"
@@ -47,9 +51,9 @@ OF_NOMINAL = ("final_flight_path_angle_deg", "final_heading_deg")
 
 
 class Case(NamedTuple):
-    """The flights of one entry latitude, by corner."""
+    """The flights of one case of the mission, by corner."""
 
-    latitude_deg: float
+    name: str
     flights: dict[str, dict[str, Any]]
 
     def error(self, corner: str, key: str) -> float:
@@ -69,20 +73,25 @@ class Case(NamedTuple):
         return max(float(f["heat_flux_max_kwpm2"]) for f in self.flights.values()) / 10.0
 
 
-def named(number: int) -> str:
-    """A case as the paper numbers it."""
-    return f"case {number}, latitude {CASES_DEG[number - 1]:g} deg"
+def cases() -> list[str]:
+    """The paper's cases, as the mission names them."""
+    return list(read_mission(MISSION).cases)
+
+
+def titled(case: str) -> str:
+    """A case with what it is about."""
+    return f"{case}, {read_mission(MISSION).cases[case].title}"
 
 
 def planning_part(settings: tuple[str, ...]) -> Part:
     """Convergence of the five plans from one first guess, as designed and in the source's form."""
     rows: list[Row] = []
-    for number, latitude_deg in enumerate(CASES_DEG, start=1):
-        found, literal = (_planned(latitude_deg, (*settings, *form)) for form in ((), (LITERAL,)))
+    for case in cases():
+        found, literal = (_planned(case, (*settings, *form)) for form in ((), (LITERAL,)))
         last = iterations_of(found)[-1]
-        name = named(number)
         its = float(found["iteration"])
-        rows.append(at_most(f"{name}: iterations", its, 10, "", "6" if number == 2 else ""))
+        printed = "6" if case == "case-2" else ""
+        rows.append(at_most(f"{titled(case)}: iterations", its, 10, "", printed))
         rows.append(at_most("  e_t", last["target_error"], 1.0, "", "below 1"))
         rows.append(at_most("  e_c", last["excess"], 100.0, "(W/cm2)2 s", "below 100"))
         rows.append(told("  peak heat flux", last["heat_flux_max_kwpm2"] / 10.0, "W/cm2", "70"))
@@ -96,41 +105,38 @@ def planning_part(settings: tuple[str, ...]) -> Part:
     )
 
 
-def _planned(latitude_deg: float, settings: tuple[str, ...]) -> Any:
+def _planned(case: str, settings: tuple[str, ...]) -> Any:
     """The job of a plan from the design's first guess."""
-    prepared = prepare(MISSION, LAW, [f"entry.latitude_deg={latitude_deg:g}", *settings], None)
+    prepared = prepare(MISSION, LAW, list(settings), None, case)
     load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
     load["law"]["stored"]["profile"] = load["law"]["guess"]
     return plan_offline(load, fix_at_entry(prepared.mission)).job[0]
 
 
-def final_energy_jpkg(entry: str, settings: tuple[str, ...]) -> float:
-    """The energy with which the plan of an entry ends: there its flights end too."""
-    prepared = prepare(MISSION, LAW, [entry, *settings], None)
+def final_energy_jpkg(case: str, settings: tuple[str, ...]) -> float:
+    """The energy with which the plan of a case ends: there its flights end too."""
+    prepared = prepare(MISSION, LAW, list(settings), None, case)
     load = activate(parse_image(prepared.load_image, str(prepared.load_path))).copy()
     plan = plan_offline(load, fix_at_entry(prepared.mission)).plan[0]
     end = np.array(plan["state"][int(plan["n_rows"]) - 1])
     return float(jacobi_energy(load["onboard"]["planet"][0], end))
 
 
-def flown(latitude_deg: float, settings: tuple[str, ...], corners: tuple[str, ...]) -> Case:
-    """The flights of an entry latitude in memory."""
-    entry = f"entry.latitude_deg={latitude_deg:g}"
-    end = f"end.jacobi_energy_mjpkg={final_energy_jpkg(entry, settings) / 1e6!r}"
-    settings_all = [entry, end, "end.at_target_energy=no", *settings]
-    job, _ = job_of(MISSION, LAW, settings_all, None)
+def flown(case: str, settings: tuple[str, ...], corners: tuple[str, ...]) -> Case:
+    """The flights of a case in memory."""
+    end = f"end.jacobi_energy_mjpkg={final_energy_jpkg(case, settings) / 1e6!r}"
+    settings_all = [end, "end.at_target_energy=no", *settings]
+    job, _ = job_of(MISSION, LAW, settings_all, None, case)
     flyer = Flyer(job)
-    return Case(latitude_deg, {name: flyer.fly(Run(1, CORNERS[name], 0, {})) for name in corners})
+    return Case(case, {name: flyer.fly(Run(1, CORNERS[name], 0, {})) for name in corners})
 
 
-def tracking_part(cases: dict[int, Case]) -> Part:
+def tracking_part(flights: list[Case]) -> Part:
     """Table 3: the nominal flights."""
     rows = []
-    for number, case in cases.items():
-        paper = {2: ("0.1", "0", "0.05", "70.38"), 3: ("0.06", "0", "0", "69.8")}.get(
-            number, ("", "", "", "")
-        )
-        name = named(number)
+    for case in flights:
+        paper = PRINTED.get(case.name, ("", "", "", ""))
+        name = titled(case.name)
         latitude, longitude = (
             abs(case.error("nominal", ERRORS[key][0])) for key in ("latitude", "longitude")
         )
@@ -147,27 +153,25 @@ def tracking_part(cases: dict[int, Case]) -> Part:
     )
 
 
-def dispersed_parts(cases: dict[int, Case]) -> list[Part]:
+def dispersed_parts(flights: list[Case]) -> list[Part]:
     """Table 4 and the heat flux under dispersion."""
     rows = []
-    for number, case in cases.items():
-        name = named(number)
+    for case in flights:
+        name = titled(case.name)
         for title, (key, unit, paper, bar) in ERRORS.items():
             worst = case.worst(key)
             label = f"{name}: {title}" if title == "latitude" else f"  {title}"
-            printed = paper if number == 3 else ""
+            printed = paper if case.name == OF_THE_PAPER else ""
             if math.isfinite(bar):
                 rows.append(at_most(label, worst, bar, unit, printed))
             else:
                 rows.append(told(label, worst, unit, printed))
     heat = [
-        at_most(f"{named(number)}: highest of nine", case.heat_flux_wpcm2, 70.0, "W/cm2")
-        for number, case in cases.items()
+        at_most(f"{titled(case.name)}: highest of nine", case.heat_flux_wpcm2, 70.0, "W/cm2")
+        for case in flights
     ]
     ended = [
-        flight["outcome"] == "end condition"
-        for case in cases.values()
-        for flight in case.flights.values()
+        flight["outcome"] == "end condition" for case in flights for flight in case.flights.values()
     ]
     heat.append(at_least("flights that end by energy", float(np.mean(ended)), 1.0))
     return [
@@ -189,13 +193,13 @@ def reproduce(*, quick: bool, progress: Progress, settings: tuple[str, ...] = ()
     """All parts; `quick` flies the corners of case 3 alone."""
     progress("five plans")
     parts = [planning_part(settings)]
-    nominal, dispersed = {}, {}
-    for number, latitude_deg in enumerate(CASES_DEG, start=1):
-        progress(named(number))
-        whole = number == 3 or not quick
-        case = flown(latitude_deg, settings, tuple(CORNERS) if whole else ("nominal",))
-        nominal[number] = case
+    nominal, dispersed = [], []
+    for name in cases():
+        progress(titled(name))
+        whole = name == OF_THE_PAPER or not quick
+        case = flown(name, settings, tuple(CORNERS) if whole else ("nominal",))
+        nominal.append(case)
         if whole:
-            dispersed[number] = case
+            dispersed.append(case)
     parts += [tracking_part(nominal), *dispersed_parts(dispersed)]
     return Reproduction("[JOSHI]", parts, quick)

@@ -10,9 +10,15 @@ from tools.reproduce.judged import Reproduction, Row
 HOLDS = {True: "yes", False: "NO", None: ""}
 
 
+FINE_DECIMALS = 3  # of a paper's number: from there on ours is shown with as many
+
+
 def _here(row: Row) -> str:
     if row.here is None:
         return ""
+    decimals = len(row.paper.partition(".")[2]) if row.paper[:1].isdigit() else 0
+    if decimals >= FINE_DECIMALS and row.paper[-1].isdigit():
+        return f"{row.here:z,.{decimals}f}"
     return f"{row.here:z,.1f}" if abs(row.here) >= 100.0 else f"{row.here:z,.3g}"
 
 

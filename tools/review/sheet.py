@@ -13,7 +13,7 @@ LIMITED = {
     "load_factor_g": "load_factor_g",
     "dynamic_pressure_pa": "dynamic_pressure_pa",
 }
-KEPT = ("mission", "law", "bus", "seed", "load_crc32", "version", "command_line")
+KEPT = ("mission", "case", "law", "bus", "seed", "load_crc32", "version", "command_line")
 
 
 def state_of(flight: FlightData) -> str:
