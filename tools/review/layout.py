@@ -32,6 +32,8 @@ class Shape(NamedTuple):
     until_s: float
     """End of the time axes; infinite while the flight goes on."""
     flights: int = 1
+    planned: frozenset[str] = frozenset()
+    """Paths of the panels that have planned lines."""
 
 
 def time_axis(until_s: float) -> Any:
@@ -53,7 +55,8 @@ def time_view(panel: Panel, ends: Ends, shape: Shape) -> Any:
     axis = rrb.ScalarAxis(range=ends) if ends else None
     corner = rrb.Corner2D.RightTop if panel.tab == ENTRY else rrb.Corner2D.LeftTop
     has_limit = bool(panel.limit) and ends is not None and ends[0] == 0.0
-    is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_limit
+    has_others = has_limit or panel.path in shape.planned
+    is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_others
     return rrb.TimeSeriesView(
         origin=f"/{panel.path}",
         name=panel.heading,

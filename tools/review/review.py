@@ -48,7 +48,8 @@ def plan(flights: list[FlightData]) -> Shape:
     body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
     planet = (body, _eye(over[0], body)) if body is not None else None
     until_s = max(flight.recording.until_s for flight in flights)
-    return Shape(panels, charts, planet, until_s, len(flights))
+    planned = {p.path for p in shown if any(plots.planned_of(p, f) for f in flights)}
+    return Shape(panels, charts, planet, until_s, len(flights), frozenset(planned))
 
 
 def _has(panel: Panel, flight: FlightData) -> bool:
@@ -90,6 +91,9 @@ def _values(panel: Panel, flights: list[FlightData]) -> F8:
         for flight in flights
         for line in panel.lines
     ]
+    for flight in flights:
+        for line in plots.planned_of(panel, flight):
+            found.append(line.values * plots.flown_factor(panel))
     values = np.concatenate([np.zeros(0), *found])
     return values[np.isfinite(values)]
 
@@ -149,6 +153,11 @@ def _draw_globe(stage: Stage, flights: list[FlightData], body: globe.Body) -> No
         if not flight.has(*globe.POSITION):
             continue
         look = palette(number, len(flights))
+        tracks = flight.planned.tracks
+        globe.draw_planned(stage, flight.label, tracks, body, look)
+        target = target_of(flight)
+        if tracks and target is not None and flight.has("heading_rad"):
+            globe.draw_crossrange(stage, flight.label, flight.truth, target, body)
         globe.draw_track(stage, flight.label, flight.truth, body, look)
         moving = flight.truth[thinned(flight.truth["t_s"], globe.MOVING_HZ)]
         globe.draw_vehicle(stage, flight.label, moving, body, look)

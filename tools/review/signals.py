@@ -32,7 +32,7 @@ WORDS = {
 }  # fmt: skip
 QUALIFIERS = {
     "cmd", "est", "estimated", "estimate", "ref", "reference", "nominal", "observed", "obs",
-    "measured", "filtered", "model", "predicted", "hat", "used",
+    "measured", "filtered", "model", "plan", "planned", "predicted", "hat", "used",
 }  # fmt: skip
 """Words that say which value of a quantity is meant: without them the name is that of the truth."""
 
