@@ -43,6 +43,7 @@ MOVING_HZ = 2.0
 LIFT_SHARE, VELOCITY_SHARE, COMB_SHARE = 0.045, 0.06, 0.025  # of the radius
 TRACK_POINTS = 3000
 AHEAD_RAD = 0.8  # of a flight that has not been flown
+NAME_AWAY = 0.1  # of the radius, beyond the end of a line that it names
 CROSSRANGE_MIN_KM = 1.0  # less is not drawn
 EYE_UP, EYE_ASIDE = 0.8, 0.45  # of the length of the track
 
@@ -212,7 +213,7 @@ def draw_crossrange(
     )
     stage.still(path, drawn)
     name = rr.Points3D(
-        lines[1][len(lines[1]) // 2][None, :] * above,
+        (abeam - NAME_AWAY * (end - abeam) / np.linalg.norm(end - abeam))[None, :] * above,
         colors=[TARGET],
         labels=[f"crossrange {km:,.0f} km {'right' if right_rad > 0.0 else 'left'}"],
         show_labels=True,

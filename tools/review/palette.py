@@ -31,7 +31,7 @@ FLIGHTS = tuple(
         "6f9cff", "e9d758",
     )
 )  # fmt: skip
-PLANNED = _rgb("b28dff")
+PLANNED = _rgb("8f5bff")
 COMMANDED, SATURATED, LIFT, VELOCITY = _rgb("ffb703"), _rgb("ff3df0"), _rgb("8ac926"), TEXT
 OTHERS = (*FLIGHTS[1:], FLIGHTS[0])
 

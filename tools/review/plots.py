@@ -20,7 +20,8 @@ F8 = npt.NDArray[np.float64]
 MARGIN_HZ, MARGIN_STROKES = 2.0, 800  # strokes of the shade: a second, and at least in a flight
 MARGIN_STEP_S = 1e-3  # from the lower end of a stroke to its upper end
 NAMED_AT = (0.88, 0.8, 0.72, 0.64, 0.56, 0.48)  # along a flight's line in a chart
-WIDEST, WIDE, THIN = 5.5, 3.6, 1.5
+BENEATH = "as_"  # of an entity: Rerun draws them in the order of their names
+WIDEST, WIDE, THIN = 6.0, 3.6, 1.5
 """Planned, commanded and flown: what lies beneath shows on both sides of what lies above."""
 PLANNED_NAMED_AT = 0.3  # along its line
 DRAG_CHART, ALTITUDE_CHART = "charts/drag", "charts/altitude"
@@ -40,10 +41,11 @@ def draw_panel(stage: Stage, panel: Panel, flight: FlightData, look: Palette) ->
             colour = look.commanded
         else:
             colour, spare = look.other(spare), spare + 1
-        path = f"{panel.path}/{part(flight.label)}/{part(line.name)}"
         name = line.name if look.is_alone else f"{flight.label}: {line.name}"
         is_beneath = line.is_commanded or (panel.tab == GUIDANCE and not line.is_flown)
         wide = is_beneath and look.is_alone and panel.lines[-1].is_flown
+        is_behind = wide and part(line.name) > part(panel.lines[-1].name)
+        path = f"{panel.path}/{part(flight.label)}/{BENEATH if is_behind else ''}{part(line.name)}"
         stage.line_style(path, name, colour, WIDE if wide else THIN)
         stage.scalars(path, t_s, values * shown(line.field).factor)
     any_line |= _draw_planned(stage, panel, flight, look)
@@ -68,7 +70,7 @@ def flown_factor(panel: Panel) -> float:
 def _draw_planned(stage: Stage, panel: Panel, flight: FlightData, look: Palette) -> bool:
     found = planned_of(panel, flight)
     for number, (name, t_s, values) in enumerate(found):
-        path = f"{panel.path}/{part(flight.label)}/{part(name)}"
+        path = f"{panel.path}/{part(flight.label)}/{BENEATH}{part(name)}"
         title = name if look.is_alone else f"{flight.label}: {name}"
         stage.line_style(path, title, look.plan_of(number), WIDEST if look.is_alone else WIDE)
         stage.scalars(path, t_s, values * flown_factor(panel))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 UNITS: dict[str, tuple[float, str]] = {
     "rad": (math.degrees(1.0), "deg"),
+    "rads": (math.degrees(1.0), "deg s"),
     "radps": (math.degrees(1.0), "deg/s"),
     "radps2": (math.degrees(1.0), "deg/s²"),
     "wpm2": (1e-3, "kW/m²"),
@@ -27,7 +28,7 @@ UNITS: dict[str, tuple[float, str]] = {
 
 PURE = "-"
 WORDS = {
-    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "alpha": "angle of attack",
+    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "v error": "speed error", "alpha": "angle of attack",
     "lat": "latitude", "lon": "longitude", "est": "estimated", "ref": "reference", "rho": "density",
 }  # fmt: skip
 QUALIFIERS = {

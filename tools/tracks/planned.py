@@ -23,9 +23,10 @@ from flight_sw.model.motion import MOTION, N_STATES, STATES, motion_rates
 from flight_sw.model.onboard import heat_flux
 from flight_sw.model.profile import KNOTS_MAX
 from flight_sw.records.types_ import Record
-from sim_harness.replay.replayer import Replayer
+from sim_harness.replay.replayer import Replayer, warm_up
 from sim_harness.replay.script import attached_load
 from sim_harness.telemetry.reader import Recording
+from tools.replaying import say_compiling
 from tools.tracks import Track, Tracks
 
 F8 = npt.NDArray[np.float64]
@@ -106,7 +107,10 @@ def reports_of(recording: Recording) -> Reports:
 def plan_made_again(recording: Recording, until_s: float) -> Record:
     """The plan that the flight software has in force when it has heard what was recorded until a
     time; raises AeroshellError where it has made none by then."""
-    replayer = Replayer(recording)
+    image = attached_load(recording)
+    with say_compiling(f"law '{image.law}'"):
+        warm_up(image)
+    replayer = Replayer(recording, image)
     law = replayer.state_at(until_s)["law"][0]
     if int(law["source"]) != FROM_JOB:
         raise AeroshellError("the flight software has no plan of its own after the same frames")
