@@ -16,7 +16,7 @@ COLUMNS = 3
 BACKGROUND = (14, 17, 22)
 TIME_ROOM = 1.01
 LOG_COLUMNS: list[Any] = ["entitypath", "loglevel", "body"]
-STATES_LEAST, SHARE_PER_LANE, LOG_SHARE = 3.0, 0.46, 2.0
+STATES_LEAST, STATES_MOST, SHARE_PER_LANE, LOG_SHARE = 3.0, 4.2, 0.46, 2.0
 CORNERS = ("RightTop", "LeftTop", "RightBottom", "LeftBottom")
 TABS = (ENTRY, TRAJECTORY, GUIDANCE, BUS, FLIGHTS)
 
@@ -102,8 +102,8 @@ def globe_view(body: globe.Body, eye: tuple[F8, F8, F8]) -> Any:
 
 
 def _shares(lanes: int) -> list[float]:
-    """Of the globe, the states and the log: every lane is to be seen."""
-    states = max(STATES_LEAST, SHARE_PER_LANE * (lanes + 1))
+    """Of the globe, the states and the log: as many lanes are to be seen as leave it its room."""
+    states = min(max(STATES_LEAST, SHARE_PER_LANE * (lanes + 1)), STATES_MOST)
     return [10.0 - LOG_SHARE - states, states, LOG_SHARE]
 
 

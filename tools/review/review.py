@@ -28,7 +28,8 @@ from tools.spans import widened
 
 F8 = npt.NDArray[np.float64]
 
-LEGEND_ACROSS, LEGEND_UP = 0.25, 0.45  # of a panel: what a legend takes
+LEGEND_ACROSS, LEGEND_UP, LEGEND_UP_MAX = 0.25, 0.17, 0.7
+"""What of a panel a legend takes, up by the line; two more than the panel has: plan, limit."""
 ROOM = 1.12  # of a limit or a count: how far a plot reaches beyond it
 LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
 """Where in PathLimits a limit of the corridor stands."""
@@ -63,10 +64,11 @@ def _free_corner(panel: Panel, flights: list[FlightData]) -> str:
     t_s, values = (np.concatenate([np.zeros(0), *axis]) for axis in zip(*lines, strict=True))
     if not len(t_s):
         return CORNERS[0]
+    up = min((len(panel.lines) + 2) * LEGEND_UP, LEGEND_UP_MAX)
     x, y = (_share(axis) for axis in (t_s, values))
     is_at = {
         "Left": x < LEGEND_ACROSS, "Right": x > 1.0 - LEGEND_ACROSS,
-        "Bottom": y < LEGEND_UP, "Top": y > 1.0 - LEGEND_UP,
+        "Bottom": y < up, "Top": y > 1.0 - up,
     }  # fmt: skip
     taken = {
         f"{side}{end}": int(np.count_nonzero(is_at[side] & is_at[end]))

@@ -28,8 +28,9 @@ UNITS: dict[str, tuple[float, str]] = {
 
 PURE = "-"
 WORDS = {
-    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "v error": "speed error", "alpha": "angle of attack",
-    "lat": "latitude", "lon": "longitude", "est": "estimated", "ref": "reference", "rho": "density",
+    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "v error": "speed error",
+    "alpha": "angle of attack", "lat": "latitude", "lon": "longitude", "est": "estimated",
+    "ref": "reference", "rho": "density",
 }  # fmt: skip
 QUALIFIERS = {
     "cmd", "est", "estimated", "estimate", "ref", "reference", "nominal", "observed", "obs",
