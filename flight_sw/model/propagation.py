@@ -18,8 +18,11 @@ import numpy as np
 from flight_sw.model.motion import (
     ALPHA,
     BANK,
+    LAMBDA,
     MOTION,
     N_STATES,
+    PHI,
+    PSI,
     RADIUS,
     V,
     motion_partials,
@@ -40,6 +43,8 @@ from flight_sw.runtime.jit import kernel, seldom_kernel
 STAGES = 4
 LANDINGS_MAX = 12
 LANDED_RATIO = 1e-13  # of the index' unit, or of the altitude in 1e6 m: nearer is there
+POLE_RATIO = 0.2  # of the way to a pole's axis: no step is longer
+POLE_STEP_S = 1e-5  # nor shorter for the sake of a pole: a plan goes by one at a metre
 GOING, ENDED, FAILED = 0, 1, 2
 TO_NOTHING, TO_BREAK, TO_END = 0, 1, 2
 
@@ -295,18 +300,28 @@ def _land(
     return now
 
 
+@kernel
+def _step(conditions: Record, path: Record) -> float:
+    """The length of a step: shorter near a pole, where latitude and longitude turn fast."""
+    x = path["x"]
+    from_axis_s = x[RADIUS] * math.cos(x[PHI]) / max(x[V], 1.0)
+    return max(
+        min(conditions["step_s"], POLE_RATIO * from_axis_s), min(POLE_STEP_S, conditions["step_s"])
+    )
+
+
 @seldom_kernel
 def advance(
     onboard: Record, atmosphere: Record, profile: Record, conditions: Record, path: Record,
     work: Record,
 ) -> int:  # fmt: skip
-    """One step of the path: to `step_s` ahead, or to the next break or the end before it.
+    """One step of the path: to `step_s` ahead (less near a pole), or to a break or the end before.
 
     Returns GOING, ENDED (it stands on the end) or FAILED (a value is no longer finite: the path
     stays where it was).
     """
     planet = onboard["planet"]
-    step_s = conditions["step_s"]
+    step_s = _step(conditions, path)
     _rk4(onboard, atmosphere, profile, conditions, path, work, step_s)
     lands_on = TO_NOTHING
     if path["next_break"] < np.int64(profile["n_breaks"]):
@@ -346,3 +361,16 @@ def _commit(
             path["excess_by_knot"][k] = work["excess_by_knot"][k]
             for i in range(N_STATES):
                 path["by_knot"][i, k] = work["by_knot"][i, k]
+    if abs(path["x"][PHI]) > 0.5 * math.pi:
+        _turn_over(path)
+
+
+@kernel
+def _turn_over(path: Record) -> None:
+    """A latitude beyond a pole: the same place on the meridian opposite."""
+    x = path["x"]
+    x[PHI] = math.copysign(math.pi, x[PHI]) - x[PHI]
+    x[LAMBDA] += math.pi
+    x[PSI] += math.pi
+    for k in range(KNOTS_MAX):
+        path["by_knot"][PHI, k] = -path["by_knot"][PHI, k]

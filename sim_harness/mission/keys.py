@@ -277,6 +277,13 @@ class End(Section):
             "ends as well where it has flown the target's downrange", "no, yes", YES_NO.__contains__
         ),
     ] = "no"
+    at_target_energy: Annotated[
+        str,
+        Text(
+            "ends as well with the energy of the target's speed there", "no, yes",
+            YES_NO.__contains__,
+        ),
+    ] = "no"  # fmt: skip
     time_max_s: Annotated[float, Quantity("s", 0.02, TIME_MAX_S, "time after entry: timed out")] = (
         10000.0
     )

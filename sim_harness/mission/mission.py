@@ -81,8 +81,9 @@ class Mission(Section):
                 f"end.altitude_km is {self.end.altitude_km}, "
                 f"allowed below entry.altitude_km {self.entry.altitude_km}"
             )
-        if self.end.at_target == "yes" and self.target is None:
-            raise refusal("end.at_target is yes, allowed with a table [target] alone")
+        for key in ("at_target", "at_target_energy"):
+            if getattr(self.end, key) == "yes" and self.target is None:
+                raise refusal(f"end.{key} is yes, allowed with a table [target] alone")
         for axis, angle in (("bank", "bank_deg"), ("alpha", "angle_of_attack_deg")):
             stops = getattr(self.actuators, axis)
             value = getattr(self.entry, angle)

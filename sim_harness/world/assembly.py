@@ -27,6 +27,7 @@ from sim_harness.world import records, vehicle
 from sim_harness.world.assembly_navigation import fill_navigation
 from sim_harness.world.frames import Velocity, relative_from_inertial
 from sim_harness.world.ground_track import fill_ground_track
+from sim_harness.world.planet.gravity import jacobi_energy
 from sim_harness.world.profiles import air_record
 
 FULL_TURN_DEG = 360.0
@@ -54,6 +55,9 @@ def world_of(mission: Mission, seed: int = 0) -> np.ndarray:
     world["end"]["speed_mps"] = end.speed_mps
     world["end"]["alt_m"] = end.altitude_km * 1e3
     world["end"]["energy_jpkg"] = end.jacobi_energy_mjpkg * 1e6
+    if end.at_target_energy == "yes":
+        at_target = target_energy_jpkg(world["planet"][0], mission)
+        world["end"]["energy_jpkg"] = max(end.jacobi_energy_mjpkg * 1e6, at_target)
     world["end"]["time_max_s"] = end.time_max_s
     if end.at_target == "yes":
         world["end"]["at_target"] = 1
@@ -63,6 +67,16 @@ def world_of(mission: Mission, seed: int = 0) -> np.ndarray:
     world["air"] = air_record(mission, seed)
     world.setflags(write=False)
     return world
+
+
+def target_energy_jpkg(planet: np.void, mission: Mission) -> float:
+    """Jacobi's energy of the target's speed at the target."""
+    target = mission.target
+    assert target is not None  # the mission is refused without
+    latitude_rad = math.radians(target.latitude_deg)
+    radius_m = float(planet["radius_m"]) + target.altitude_km * 1e3
+    sin_lat, cos_lat = math.sin(latitude_rad), math.cos(latitude_rad)
+    return float(jacobi_energy(planet, radius_m, sin_lat, cos_lat, target.speed_mps))
 
 
 def heating_row(heating: Heating | None) -> tuple[float, float, float]:

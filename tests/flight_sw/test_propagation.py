@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flight_sw.model.motion import GAMMA, MOTION, N_STATES, PHI, PSI, RADIUS, V, motion_rates
+from flight_sw.model.motion import (
+    GAMMA,
+    LAMBDA,
+    MOTION,
+    N_STATES,
+    PHI,
+    PSI,
+    RADIUS,
+    V,
+    motion_rates,
+)
 from flight_sw.model.profile import BY_ENERGY, BY_TIME, PROFILE, index_of, merge_breaks
 from flight_sw.model.propagation import (
     CONDITIONS,
@@ -22,6 +32,7 @@ from flight_sw.model.propagation import (
     advance,
     begin,
 )
+from flight_sw.model.sphere import offset
 from flight_sw.runtime.jit import kernel
 from tests.flight_sw.test_motion import TURNING, Believed
 from tests.sim_harness.flights import plain_mission
@@ -193,3 +204,33 @@ def test_a_path_that_cannot_go_on_fails_and_stays(spoil: Callable[[Any], None]) 
     before = path.tobytes()
     assert ahead.go(flight, 5) == FAILED
     assert path.tobytes() == before
+
+
+def over(ahead: Ahead, latitude_deg: float, heading_deg: float) -> np.void:
+    """A flight without the planet's turning or flattening, flown from there."""
+    ahead.believed.onboard["planet"]["rotation_radps"] = 0.0
+    ahead.believed.onboard["planet"]["j2"] = 0.0
+    ahead.start[[PSI, PHI]] = math.radians(heading_deg), math.radians(latitude_deg)
+    return ahead.flown(1.0, sensed=True)
+
+
+@pytest.mark.parametrize("latitude_deg", [60.0, -70.0, 85.0, 89.9])
+@pytest.mark.parametrize("off_deg", [0.0, 1e-6, 0.5, 8.0])
+def test_over_a_pole_a_flight_is_that_along_the_equator(
+    latitude_deg: float, off_deg: float
+) -> None:
+    """On a ball that stands still the poles are places like others."""
+    heading_deg = off_deg if latitude_deg > 0.0 else 180.0 - off_deg
+    usual, polar = over(Ahead(), 0.0, 90.0), over(Ahead(), latitude_deg, heading_deg)
+    alike = [V, GAMMA, RADIUS]
+    assert polar["x"][alike] == pytest.approx(usual["x"][alike], rel=1e-6)
+    assert polar["t_s"] == pytest.approx(usual["t_s"], rel=1e-6)
+    flown_rad = [
+        math.hypot(*offset(p["x"][PHI], p["x"][LAMBDA], math.radians(lat), 0.1))
+        for p, lat in ((usual, 0.0), (polar, latitude_deg))
+    ]
+    assert flown_rad[1] == pytest.approx(flown_rad[0], abs=2e-6)  # some 13 m
+    moved = polar["by_knot"][:, : len(BANK_KNOTS)], usual["by_knot"][:, : len(BANK_KNOTS)]
+    for at in alike:
+        most = np.abs(moved[1][at]).max()
+        assert moved[0][at] == pytest.approx(moved[1][at], abs=1e-5 * most)

@@ -92,6 +92,25 @@ def test_the_part_of_the_end_condition_that_was_met_is_told(speed_mps, alt_m, tr
     assert told(mission, world, truth[0], END_CONDITION)["end_trigger"] == trigger
 
 
+@pytest.mark.parametrize("latitude_deg", [0.0, -16.0, 90.0])
+def test_the_energy_of_the_target_is_that_of_its_speed_there(latitude_deg):
+    target = TARGET | {"latitude_deg": latitude_deg}
+    mission = plain_mission(
+        target=target, end={"at_target_energy": "yes"}, planet__rotation_radps=7.292115e-5,
+        planet__j2=1.08262668e-3,
+    )  # fmt: skip
+    world = world_of(mission)[0]
+    planet = mission.planet
+    r, s = RADIUS_KM * 1e3 + 10e3, math.sin(math.radians(latitude_deg))
+    oblate = planet.j2 * (RADIUS_KM * 1e3 / r) ** 2 * (3 * s * s - 1) / 2
+    spin = planet.rotation_radps * r * math.cos(math.radians(latitude_deg))
+    wanted = 500.0**2 / 2 - spin**2 / 2 - planet.mu_m3ps2 / r * (1 - oblate)
+    assert world["end"]["energy_jpkg"] == pytest.approx(wanted, rel=1e-12)
+    truth = np.zeros(1, TRUTH)
+    truth["v_rel_mps"], truth["alt_m"], truth["jacobi_energy_jpkg"] = 499.0, 10e3, wanted - 1.0
+    assert end_trigger(world, truth[0], END_CONDITION) == "energy"
+
+
 @pytest.mark.parametrize("end, index", [({"altitude_km": 60.0}, 2), ({"speed_mps": 7000.0}, 3)])
 def test_errors_are_those_of_the_moment_at_which_the_end_was_met(end, index):
     # Frames of 0.1 s: the last one lies up to 40 m below, the state told does not.

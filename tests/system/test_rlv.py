@@ -1,6 +1,7 @@
 """The winged vehicle planned onboard and tracked: [JOSHI]'s cases, nominal and dispersed."""
 
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from flight_sw.guidance.planned.planned_lqr import (
     TELEMETRY,
 )
 from tests.system.flights import Computer, World, shipped
+from tools.campaign.job import Flyer, Run, job_of
 from tools.reproduce.joshi import CASES_DEG, CORNERS, Case, flown
 
 pytestmark = pytest.mark.jit_only
@@ -93,3 +95,31 @@ def test_in_coast_telemetry_tells_of_the_job() -> None:
     plan = law_of(computer)["plans"][law_of(computer)["in_force"]]
     assert (told["plan_stage"], told["plan_source"]) == (IN_FORCE, FROM_JOB)
     assert told["plan_flights"] == plan["flights"] and told["plan_ending"] == plan["ending"]
+
+
+def flight_of(*settings: str) -> dict[str, Any]:
+    """What a flight in memory with these settings ended with."""
+    job, _ = job_of("rlv", LAW, list(settings), None)
+    return Flyer(job).fly(Run(1, {}, 0, {}))
+
+
+@pytest.mark.parametrize(
+    ("entry", "target"),
+    [((60.0, 0.0, 0.0), (66.66, 171.75)), ((-89.9, 0.0, 180.0), (-36.0, 166.0))],
+    ids=["past the north pole", "across the south pole"],
+)
+def test_a_flight_over_a_pole_ends_at_its_target(
+    entry: tuple[float, float, float], target: tuple[float, float]
+) -> None:
+    settings = [
+        f"entry.{key}={value}"
+        for key, value in zip(("latitude_deg", "longitude_deg", "heading_deg"), entry, strict=True)
+    ]
+    flown = flight_of(
+        *settings, f"target.latitude_deg={target[0]}", f"target.longitude_deg={target[1]}",
+        "entry.flight_path_angle_deg=-1", "limits.heat_flux_max_kwpm2=1000",
+    )  # fmt: skip
+    assert flown["outcome_class"] == "nominal"
+    east_deg = flown["longitude_error_deg"] * math.cos(math.radians(target[0]))
+    assert math.hypot(flown["latitude_error_deg"], east_deg) < 0.01
+    assert abs(flown["altitude_error_km"]) < 0.15

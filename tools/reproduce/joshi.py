@@ -117,7 +117,8 @@ def flown(latitude_deg: float, settings: tuple[str, ...], corners: tuple[str, ..
     """The flights of an entry latitude in memory."""
     entry = f"entry.latitude_deg={latitude_deg:g}"
     end = f"end.jacobi_energy_mjpkg={final_energy_jpkg(entry, settings) / 1e6!r}"
-    job, _ = job_of(MISSION, LAW, [entry, end, *settings], None)
+    settings_all = [entry, end, "end.at_target_energy=no", *settings]
+    job, _ = job_of(MISSION, LAW, settings_all, None)
     flyer = Flyer(job)
     return Case(latitude_deg, {name: flyer.fly(Run(1, CORNERS[name], 0, {})) for name in corners})
 

@@ -138,7 +138,10 @@ def difference(plan: Record, reports: Reports) -> str:
             return f"its {name.replace('_', ' ')} {own:.4g}, telemetry's {told:.4g}"
     reference = np.zeros(1, REFERENCE)
     slack = _bank_slack(plan)
+    end = float(plan["index"][int(plan["n_rows"]) - 1]) - INDEX_STEP
     for i, index in enumerate(reports.columns["plan_index"].tolist()):
+        if index > end:  # beyond its end the tracker compares no more
+            continue
         look_up(plan, index, reference[0])
         apart = float(reference["bank_rad"][0]) - float(reports.columns["plan_bank_rad"][i])
         if not abs(apart) <= slack:

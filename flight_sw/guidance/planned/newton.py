@@ -1,7 +1,8 @@
 """How far the end of a flight ahead is from what is wanted, and the step that removes it.
 
 [JOSHI] Eqs. 12-19: the errors and their Jacobian by the bank at the knots, and the minimum-norm
-step of Newton's.
+step of Newton's. In place of the errors of latitude and longitude stands how far north and east of
+the target the flight ends: over a pole the two tell nothing of a distance.
 """
 
 import math
@@ -9,11 +10,11 @@ import math
 import numpy as np
 
 from flight_sw.guidance.planned.normal_equations import solve_symmetric
-from flight_sw.guidance.planned.plan_job import AT_BANK, AT_EXCESS, AT_LAMBDA, AT_PHI, ROWS
-from flight_sw.model.angles import wrapped
+from flight_sw.guidance.planned.plan_job import AT_BANK, AT_EAST, AT_EXCESS, AT_NORTH, ROWS
 from flight_sw.model.motion import LAMBDA, N_STATES, PHI, RADIUS, motion_rates
 from flight_sw.model.profile import KNOTS_MAX, index_of, index_slopes, weight_of
 from flight_sw.model.propagation import controls_of
+from flight_sw.model.sphere import offset, offset_slopes
 from flight_sw.records.types_ import F8, Record
 from flight_sw.runtime.jit import kernel, seldom_kernel
 
@@ -39,8 +40,13 @@ def judge(load: Record, design: Record, job: Record) -> float:
     rate = job["motion"]["rate"]
     index_slopes(profile, planet, x, job["motion"], job["slopes"])
     error = job["error"]
-    error[AT_PHI] = design["target_weight_1prad"] * (x[PHI] - design["target_lat_rad"])
-    error[AT_LAMBDA] = design["target_weight_1prad"] * wrapped(x[LAMBDA] - design["target_lon_rad"])
+    target_lat, target_lon = design["target_lat_rad"], design["target_lon_rad"]
+    north, east = offset(x[PHI], x[LAMBDA], target_lat, target_lon)
+    north_by_lat, north_by_lon, east_by_lat, east_by_lon = offset_slopes(
+        x[PHI], x[LAMBDA], target_lat, target_lon
+    )
+    error[AT_NORTH] = design["target_weight_1prad"] * north
+    error[AT_EAST] = design["target_weight_1prad"] * east
     error[AT_BANK] = design["bank_weight_1prad"] * (bank - design["end_bank_rad"])
     root = math.sqrt(path["excess"])
     error[AT_EXCESS] = design["excess_weight_ratio"] * root
@@ -51,12 +57,10 @@ def judge(load: Record, design: Record, job: Record) -> float:
         for i in range(N_STATES):
             by_index += job["slopes"][i] * (path["by_knot"][i, k] + rate[i] * later_s)
         row = job["jacobian"]
-        row[AT_PHI, k] = design["target_weight_1prad"] * (
-            path["by_knot"][PHI, k] + rate[PHI] * later_s
-        )
-        row[AT_LAMBDA, k] = design["target_weight_1prad"] * (
-            path["by_knot"][LAMBDA, k] + rate[LAMBDA] * later_s
-        )
+        lat = path["by_knot"][PHI, k] + rate[PHI] * later_s
+        lon = path["by_knot"][LAMBDA, k] + rate[LAMBDA] * later_s
+        row[AT_NORTH, k] = design["target_weight_1prad"] * (north_by_lat * lat + north_by_lon * lon)
+        row[AT_EAST, k] = design["target_weight_1prad"] * (east_by_lat * lat + east_by_lon * lon)
         row[AT_BANK, k] = design["bank_weight_1prad"] * (
             bank_slope * by_index
             + weight_of(profile["bank_index"], n_bank, path["bank_segment"], index, k)
@@ -112,12 +116,12 @@ def _to_scalars(job: Record, first: int, n_bank: int) -> None:
         total = 0.0
         for i in range(AT_EXCESS):
             total += 2.0 * error[i] * jacobian[i, k]
-        jacobian[AT_PHI, k] = total
-        jacobian[AT_LAMBDA, k] = 2.0 * error[AT_EXCESS] * jacobian[AT_EXCESS, k]
+        jacobian[AT_NORTH, k] = total
+        jacobian[AT_EAST, k] = 2.0 * error[AT_EXCESS] * jacobian[AT_EXCESS, k]
         jacobian[AT_BANK, k] = 0.0
         jacobian[AT_EXCESS, k] = 0.0
     target, excess = target_error_of(error), error[AT_EXCESS] * error[AT_EXCESS]
-    error[AT_PHI] = target
-    error[AT_LAMBDA] = excess
+    error[AT_NORTH] = target
+    error[AT_EAST] = excess
     error[AT_BANK] = 0.0
     error[AT_EXCESS] = 0.0

@@ -9,8 +9,8 @@ from flight_sw.model.profile import KNOTS_MAX, PROFILE
 from flight_sw.model.propagation import CONDITIONS, PATH, WORK
 from flight_sw.records.fields import Field, RecordSpec
 
-ROWS = 4  # latitude, longitude, bank at the end, root of the excess
-AT_PHI, AT_LAMBDA, AT_BANK, AT_EXCESS = range(ROWS)
+ROWS = 4  # north and east of the target, bank at the end, root of the excess
+AT_NORTH, AT_EAST, AT_BANK, AT_EXCESS = range(ROWS)
 STEPS_MAX = 1500  # of one flight ahead: fewer than a plan has rows
 ITERATIONS_MAX = 40
 TRIALS_MAX = 6  # of step lengths in an iteration
@@ -30,7 +30,7 @@ PLANNER = RecordSpec(
     Field("end_bank_rad", -math.pi, math.pi, "wanted there"),
     Field("heat_flux_limit_wpm2", 0.0, 1e12, "kept by the plan"),
     Field("heat_flux_unit_wpm2", 1e-3, 1e12, "in which the excess is squared"),
-    Field("target_weight_1prad", 0.0, 1e12, "root of H of latitude and longitude"),
+    Field("target_weight_1prad", 0.0, 1e12, "root of H of the distance north and east"),
     Field("bank_weight_1prad", 0.0, 1e12, "root of H of the bank"),
     Field("excess_weight_ratio", 0.0, 1e12, "on the root of e_c"),
     Field("target_error_max", 0.0, 1e30, "e_t below which a plan is good"),

@@ -215,8 +215,9 @@ def coast(load: Record, state: Record, nav: Record, has_fix: bool, out: Record) 
 
 @seldom_kernel
 def _track(load: Record, plan: Record, state: Record, t_s: float) -> None:
-    tracker.compare(load["onboard"]["planet"], plan, load["law"]["tracker"], state["tracking"], t_s)
-    tracker.correct(load["law"]["tracker"], state["tracking"], load["guidance_dt_s"])
+    design, own = load["law"]["tracker"], state["tracking"]
+    if tracker.compare(load["onboard"]["planet"], plan, design, own, t_s):
+        tracker.correct(design, own, load["guidance_dt_s"])
 
 
 @kernel

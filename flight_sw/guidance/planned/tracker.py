@@ -21,6 +21,7 @@ from flight_sw.guidance.planned.plan import REFERENCE, look_up
 from flight_sw.model.angles import wrapped
 from flight_sw.model.motion import GAMMA, LAMBDA, N_STATES, PHI, PSI, RADIUS, V
 from flight_sw.model.profile import index_of
+from flight_sw.model.sphere import offset, turned_by
 from flight_sw.model.tables import between, locate
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import Record
@@ -85,26 +86,34 @@ def take_state(planet: Record, nav: Record, x: Record) -> None:
 
 
 @seldom_kernel
-def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: float) -> None:
-    """Where the vehicle stands on the plan, and how far from it."""
+def compare(planet: Record, plan: Record, design: Record, own: Record, t_s: float) -> bool:
+    """Where the vehicle stands on the plan, and how far from it.
+
+    False beyond the end of the plan, with which nothing can be compared: errors and corrections
+    stay what they were.
+    """
     x, planned = own["x"], own["reference"]["state"]
     own["index"] = index_of(plan["profile"], planet, x, t_s)
+    if own["index"] > plan["index"][plan["n_rows"] - 1]:
+        return False
     look_up(plan, own["index"], own["reference"])
     error = own["error"]
     error[V] = x[V] - planned[V]
     error[GAMMA] = x[GAMMA] - planned[GAMMA]
-    error[PSI] = wrapped(x[PSI] - planned[PSI])
     error[RADIUS] = x[RADIUS] - planned[RADIUS]
-    north = x[PHI] - planned[PHI]
-    east = wrapped(x[LAMBDA] - planned[LAMBDA])
+    north, east = offset(x[PHI], x[LAMBDA], planned[PHI], planned[LAMBDA])
+    turn = turned_by(x[PHI], x[LAMBDA], planned[PHI], planned[LAMBDA])
     cos_psi, sin_psi = math.cos(planned[PSI]), math.sin(planned[PSI])
-    cos_phi = math.cos(planned[PHI])
-    own["along_rad"] = north * cos_psi + east * cos_phi * sin_psi
-    own["across_rad"] = east * cos_phi * cos_psi - north * sin_psi
+    own["along_rad"] = north * cos_psi + east * sin_psi
+    own["across_rad"] = east * cos_psi - north * sin_psi
     if design["path_axes"] == 1:
+        error[PSI] = wrapped(x[PSI] + turn - planned[PSI])
         error[ALONG], error[ACROSS] = own["along_rad"], own["across_rad"]
     else:
-        error[PHI], error[LAMBDA] = north, east
+        error[PSI] = wrapped(x[PSI] - planned[PSI])
+        error[PHI] = x[PHI] - planned[PHI]
+        error[LAMBDA] = wrapped(x[LAMBDA] - planned[LAMBDA])
+    return True
 
 
 @kernel
