@@ -195,7 +195,7 @@ def draw_crossrange(
     stage: Stage, label: str, truth: Rows, target_rad: tuple[float, float], body: Body
 ) -> None:
     """The great circle on that the flight began, and how far across it the target lies."""
-    rr, first = stage.rr, truth[0]
+    rr, first, yellow = stage.rr, truth[0], TARGET
     here = float(first["lon_rad"]), float(first["lat_rad"])
     right_rad, abeam = across(here, float(first["heading_rad"]), target_rad)
     km = abs(right_rad) * body.radius_km
@@ -208,14 +208,14 @@ def draw_crossrange(
     path = f"{PATH}/flights/{part(label)}/crossrange"
     drawn = rr.LineStrips3D(
         [line * above for line in lines],
-        colors=[faded(AXIS_RGBA, 150), faded(TARGET, 220)],
+        colors=[faded(AXIS_RGBA, 150), faded(yellow, 220)],
         radii=rr.Radius.ui_points(0.9),
     )
     stage.still(path, drawn)
     name = rr.Points3D(
         (abeam - NAME_AWAY * (end - abeam) / np.linalg.norm(end - abeam))[None, :] * above,
-        colors=[TARGET],
-        labels=[f"crossrange {km:,.0f} km {'right' if right_rad > 0.0 else 'left'}"],
+        colors=[yellow],
+        labels=[f"crossrange {km:z,.0f} km {'right' if right_rad > 0.0 else 'left'}"],
         show_labels=True,
         radii=rr.Radius.ui_points(0.01),
     )

@@ -135,7 +135,7 @@ def difference(plan: Record, reports: Reports) -> str:
     for name in ERRORS:
         own, told = min(float(plan[name]), TOLD_MAX), last[f"plan_{name}"]
         if not abs(own - told) <= ERROR_STEP + ERROR_RATIO * told:
-            return f"its {name.replace('_', ' ')} {own:.4g}, telemetry's {told:.4g}"
+            return f"its {name.replace('_', ' ')} {own:z.4g}, telemetry's {told:z.4g}"
     reference = np.zeros(1, REFERENCE)
     slack = _bank_slack(plan)
     end = float(plan["index"][int(plan["n_rows"]) - 1]) - INDEX_STEP
