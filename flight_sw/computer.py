@@ -134,7 +134,7 @@ def _guide(load: Record, state: Record) -> None:
         out["alpha_cmd_rad"] = load["modes"]["coast_alpha_rad"]
         out["tracking"] = 0
         if mode == modes.COAST:
-            law_coast(load, state["law"], state["nav"], state["fix_valid"] == 1)
+            law_coast(load, state["law"], state["nav"], state["fix_valid"] == 1, out)
     elif mode == modes.ENTRY:
         if state["fix_valid"] == 0:
             out["status"] = status.NO_FIX

@@ -8,20 +8,16 @@ import numpy as np
 
 from flight_sw.errors import FlightError
 from flight_sw.guidance.planned import plan_job, planned_lqr
-from flight_sw.guidance.planned.plan import REFERENCE, look_up
 from flight_sw.load_image import activate, parse_image
-from flight_sw.model.motion import MOTION, N_STATES, motion_rates
-from flight_sw.model.onboard import heat_flux
-from flight_sw.records.types_ import Record
 from sim_harness.mission.mission import Mission
 from tools.gains.planned.offline import (
     Planned,
     fix_at_entry,
     iterations_of,
     plan_offline,
-    states_of,
 )
 from tools.overrides import prepare
+from tools.tracks.planned import columns_of
 
 LAW = "planned-lqr"
 HEADINGS = (
@@ -73,24 +69,6 @@ class Told(NamedTuple):
             "longitude_error_deg": east,
             "distance_km": math.hypot(math.radians(north) * radius_km, east_km),
         }
-
-
-def columns_of(load: Record, plan: Record) -> dict[str, np.ndarray]:
-    """The plan's states with controls, heat flux and altitude, a row each."""
-    found = states_of(plan)
-    n = len(found["index"])
-    extra = {name: np.zeros(n) for name in ("alpha_rad", "bank_rad", "heat_flux_wpm2", "alt_m")}
-    reference, motion = np.zeros(1, REFERENCE), np.zeros(1, MOTION)
-    for i in range(n):
-        look_up(plan, float(found["index"][i]), reference[0])
-        alpha, bank = float(reference["alpha_rad"][0]), float(reference["bank_rad"][0])
-        x = np.array(plan["state"][i][:N_STATES])
-        motion_rates(load["onboard"], load["atmosphere"], x, alpha, bank, motion[0])
-        rho = float(motion["forces"]["rho_kgpm3"][0])
-        extra["alpha_rad"][i], extra["bank_rad"][i] = alpha, bank
-        extra["heat_flux_wpm2"][i] = heat_flux(load["onboard"], rho, float(x[0]))
-        extra["alt_m"][i] = x[3] - float(load["onboard"]["planet"]["radius_m"])
-    return {**found, **extra}
 
 
 def plan_of(

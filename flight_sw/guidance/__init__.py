@@ -5,8 +5,9 @@ telemetry that is not formed from the beginning), and a kernel `step(load, state
 status`. The law a computer runs is chosen by the type of its load: `law_step` is resolved when the
 minor frame is compiled, so that a computer holds one law's code.
 
-A law that has work to do before it flies has a kernel `coast(load, state, nav, has_fix)` besides,
-which is called in every minor frame of COAST.
+A law that has work to do before it flies has a kernel `coast(load, state, nav, has_fix, out)`
+besides, which is called in every minor frame of COAST, and COAST_TELEMETRY, the names that it forms
+there. EVENTS says of which telemetry the ground logs the changes (records.events.Event, by name).
 
 What the ground designs for a family lies under the same name in tools/gains.
 """
@@ -80,24 +81,24 @@ def _law_step(load: Any, state: Any, nav: Any, out: Any) -> Any:
     return compiled
 
 
-def law_coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
+def law_coast(load: Record, state: Record, nav: Record, has_fix: bool, out: Record) -> None:
     """What the law does in a minor frame of COAST; most do nothing."""
     coast = getattr(_law_of(load.dtype.names), "coast", None)
     if coast is not None:
-        coast(load, state, nav, has_fix)
+        coast(load, state, nav, has_fix, out)
 
 
 @overload(law_coast)
-def _law_coast(load: Any, state: Any, nav: Any, has_fix: Any) -> Any:
+def _law_coast(load: Any, state: Any, nav: Any, has_fix: Any, out: Any) -> Any:
     chosen = getattr(_law_of(load.fields), "coast", None)
     if chosen is None:
 
-        def nothing(load: Record, state: Record, nav: Record, has_fix: Any) -> None:
+        def nothing(load: Record, state: Record, nav: Record, has_fix: Any, out: Record) -> None:
             return None
 
         return nothing
 
-    def compiled(load: Record, state: Record, nav: Record, has_fix: Any) -> None:
-        chosen(load, state, nav, has_fix)
+    def compiled(load: Record, state: Record, nav: Record, has_fix: Any, out: Record) -> None:
+        chosen(load, state, nav, has_fix, out)
 
     return compiled

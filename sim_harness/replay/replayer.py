@@ -144,6 +144,13 @@ class Replayer:
             if not self._goes_on(row):
                 return self._told(self._difference())
 
+    def state_at(self, t_s: float) -> Frames:
+        """The computer's memory, shape (1,), after what was recorded before a mission time, as far
+        as the answers agree; a replayer is used for this or for `run`, once."""
+        self._end = min(self._end, int(np.searchsorted(self.recording.bus["t_s"], t_s)))
+        self.run()
+        return self._computers.states[:1]
+
     def _goes_on(self, row: int) -> bool:
         """Whether the stops come ever later, and not too many trials were made for them.
 

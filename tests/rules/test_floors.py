@@ -32,7 +32,13 @@ FLOORS = {
 }
 """From the ground up. What shares a floor knows nothing of each other."""
 HOUSES = (*FLOORS, "tools")
-SUBPACKAGES_OF_TOOLS = (("gains", "review"), ("campaign",), ("report", "reproduce"), ("commands",))
+SUBPACKAGES_OF_TOOLS = (
+    ("gains", "tracks"),
+    ("review",),
+    ("campaign",),
+    ("report", "reproduce"),
+    ("commands",),
+)
 
 
 def module_of(path: Path) -> str:

@@ -1,10 +1,13 @@
 """The log of a recording tells what the flight computer reported, at the minor frame it did."""
 
 from pathlib import Path
+from string import Formatter
 
 import numpy as np
 import pytest
 
+from flight_sw import icd
+from sim_harness.telemetry.events import OF_LAWS
 from sim_harness.telemetry.reader import open_recording
 from sim_harness.telemetry.recorder import Recorder
 from sim_harness.telemetry.records import LogLevel, LogLine
@@ -72,3 +75,24 @@ def test_a_spoilt_report_is_no_event(tmp_path: Path) -> None:
     rows["frame"]["data"][1] ^= np.uint64(1 << 60)
     told = log_of(tmp_path / "a.mcap", rows, 1)
     assert [text for _, _, text in told if text.startswith("mode")] == ["mode COAST"]
+
+
+def test_a_plan_s_stages_are_events_with_how_it_ended(tmp_path: Path) -> None:
+    """What the law `planned-lqr` says of its telemetry, by the words of the DBC."""
+    seeking = {"plan_stage": 1}
+    in_force = {"plan_stage": 3, "plan_ending": 1, "plan_source": 1, "plan_flights": 5}
+    failed = {"plan_stage": 4, "plan_ending": 3, "plan_flights": 41}
+    rows = one_message("TM_PLAN_D", [seeking, seeking, in_force, in_force, failed])
+    assert log_of(tmp_path / "a.mcap", rows, 2) == [
+        (0, INFO, "plan seeking"),
+        (2, INFO, "plan in force, was seeking: converged after 5 flights ahead, source onboard"),
+        (4, WARNING, "plan failed, was in force: out of iterations after 41 flights ahead, "
+         "source load"),
+    ]  # fmt: skip
+
+
+def test_what_a_law_tells_with_an_event_is_in_the_same_message() -> None:
+    for name, event in OF_LAWS.items():
+        (message,) = (m for m in icd.LAYOUT if name in {s.name for s in m.signals})
+        told = {field for _, field, _, _ in Formatter().parse(event.told) if field}
+        assert told <= {signal.name for signal in message.signals}

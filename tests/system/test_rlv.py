@@ -9,7 +9,13 @@ import pytest
 
 from flight_sw.errors import LoadError
 from flight_sw.guidance.planned.plan_job import ENDINGS
-from flight_sw.guidance.planned.planned_lqr import FROM_JOB, FROM_LOAD, IN_FORCE, SEEKING
+from flight_sw.guidance.planned.planned_lqr import (
+    FROM_JOB,
+    FROM_LOAD,
+    IN_FORCE,
+    SEEKING,
+    TELEMETRY,
+)
 from flight_sw.load_image import image_bytes, parse_image, read_image
 from flight_sw.modes import SAFE
 from sim_harness.mission.mission import GAINS
@@ -80,6 +86,20 @@ def test_the_plan_is_made_in_coast_and_swapped_in_whole() -> None:
     assert ENDINGS[plan["ending"]] == "converged"
     assert np.isfinite(plan["state"][: plan["n_rows"]]).all()
     assert (np.diff(plan["index"][: plan["n_rows"]]) > 0.0).all()
+
+
+def test_in_coast_telemetry_tells_of_the_job() -> None:
+    world, computer = in_coast(50)
+    told = dict(zip(TELEMETRY, computer.state["guidance"][0]["telemetry"].tolist(), strict=False))
+    assert (told["plan_stage"], told["plan_source"]) == (SEEKING, FROM_LOAD)
+    stored = computer.made.load["law"][0]["stored"]
+    assert told["plan_flights"] == stored["flights"]
+    while law_of(computer)["stage"] != IN_FORCE:
+        world.fly(computer, 1)
+    told = dict(zip(TELEMETRY, computer.state["guidance"][0]["telemetry"].tolist(), strict=False))
+    plan = law_of(computer)["plans"][law_of(computer)["in_force"]]
+    assert (told["plan_stage"], told["plan_source"]) == (IN_FORCE, FROM_JOB)
+    assert told["plan_flights"] == plan["flights"] and told["plan_ending"] == plan["ending"]
 
 
 def flight_of(*settings: str) -> dict[str, Any]:

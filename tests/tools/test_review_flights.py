@@ -148,6 +148,18 @@ def test_a_name_stands_in_the_frame_however_few_points_the_line_has() -> None:
     assert [[800.0, 500.0]] in drawn["charts/a/line/name"]  # half-way, of 1,600 by 1,000
 
 
+def test_names_of_lines_that_lie_together_stand_apart() -> None:
+    chart = Chart("charts/a", Scale("speed, m/s", 0.0, 10.0), Scale("altitude, km", 0.0, 10.0))
+    stage = Stage("a")
+    x, y = np.array([0.0, 10.0]), np.array([5.0, 5.0])
+    for name in ("one", "two", "three"):
+        chart.draw_line(stage, name, x, y, Look(FLIGHTS[0], label="load factor"))
+    boxes = list(stage.names_at["charts/a"].values())
+    assert boxes[0][0].tolist() == [800.0, 500.0]  # the first stands where it is wanted
+    for number, (at, half) in enumerate(boxes):
+        assert all(np.any(np.abs(at - other) > half + size) for other, size in boxes[:number])
+
+
 def test_a_drawing_that_did_not_get_whole_is_refused(
     lander: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tools.review.geometry import circle, positions, to_go, velocity_and_lift
+from tools.review.geometry import across, arc, circle, positions, to_go, velocity_and_lift
 
 RADIUS_KM = 6378.137
 
@@ -74,3 +74,34 @@ def test_a_circle_keeps_its_distance(lat_deg: float) -> None:
     edge = positions(lon_lat[:, 0], lon_lat[:, 1], 1.0)
     middle = positions(np.array([1.0]), np.radians([lat_deg]), 1.0)[0]
     np.testing.assert_allclose(np.degrees(np.arccos(edge @ middle)), 3.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "target_deg", "right_deg", "abeam_deg"),
+    [
+        (90.0, (60.0, -20.0), 20.0, (60.0, 0.0)),  # eastwards along the equator, south is right
+        (90.0, (60.0, 20.0), -20.0, (60.0, 0.0)),
+        (0.0, (30.0, 0.0), 30.0, (0.0, 0.0)),  # northwards, east is right
+        (270.0, (-170.0, 5.0), 5.0, (-170.0, 0.0)),
+    ],
+)
+def test_a_target_lies_across_the_great_circle_by_the_angle_to_it(
+    heading_deg: float, target_deg: tuple[float, float], right_deg: float,
+    abeam_deg: tuple[float, float],
+) -> None:  # fmt: skip
+    target = (math.radians(target_deg[0]), math.radians(target_deg[1]))
+    right, abeam = across((0.0, 0.0), math.radians(heading_deg), target)
+    assert math.degrees(right) == pytest.approx(right_deg, abs=1e-12)
+    lon, lat = np.radians(abeam_deg)
+    np.testing.assert_allclose(
+        abeam, positions(np.array([lon]), np.array([lat]), 1.0)[0], atol=1e-12
+    )
+
+
+def test_an_arc_has_equal_steps_and_ends_where_it_is_said_to() -> None:
+    ends = positions(np.radians([10.0, 80.0]), np.radians([5.0, -40.0]), 1.0)
+    line = arc(ends[0], ends[1], 9)
+    np.testing.assert_allclose(line[[0, -1]], ends, atol=1e-15)
+    steps = np.arccos(np.sum(line[:-1] * line[1:], axis=1))
+    np.testing.assert_allclose(steps, math.acos(float(ends[0] @ ends[1])) / 8.0, rtol=1e-9)
+    assert arc(ends[0], ends[0]).tolist() == [ends[0].tolist()] * 40

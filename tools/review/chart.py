@@ -21,6 +21,8 @@ STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 HATCH_STEP = 11.0
 LABEL_DROP, LABEL_SHIFT, TITLE_DROP = 26.0, 46.0, 84.0
 POINTS_MAX = 3000
+LETTER_ACROSS, LETTER_UP = 27.0, 75.0  # of a name, in a window of the usual size
+SHARES_TRIED = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 FAR = 1e7  # outside the drawing: no line is followed there
 
 
@@ -116,7 +118,7 @@ class Chart(NamedTuple):
         if look.label and strips:
             strip = max(strips, key=_length)
             label = rr.Points2D(
-                [_place_along(strip, look.label_share)],
+                [self._free_place(stage, name, strip, look)],
                 labels=[look.label],
                 show_labels=True,
                 colors=[look.colour],
@@ -124,6 +126,20 @@ class Chart(NamedTuple):
                 draw_order=25.0,
             )
             stage.still(f"{self.path}/{name}/name", label)
+
+    def _free_place(self, stage: Stage, name: str, strip: F8, look: "Look") -> F8:
+        """Where a line's name stands: where it is wanted, or else where it covers no other's."""
+        boxes = stage.names_at.setdefault(self.path, {})
+        half = np.array([len(look.label) * LETTER_ACROSS, LETTER_UP]) / 2.0
+        wanted = _place_along(strip, look.label_share)
+        for share in (look.label_share, *SHARES_TRIED):
+            at = _place_along(strip, share)
+            others = [box for line, box in boxes.items() if line != name]
+            if all(np.any(np.abs(at - there) > half + size) for there, size in others):
+                wanted = at
+                break
+        boxes[name] = wanted, half
+        return wanted
 
     def draw_hatching(self, stage: Stage, name: str, x: F8, bounds: tuple[F8, F8]) -> None:
         """Shade what lies between two lines, in the colour of what is forbidden."""

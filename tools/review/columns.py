@@ -1,6 +1,7 @@
 """The columns behind the lines: truth and what follows from it, signals at a sensible rate."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,8 @@ from sim_harness.telemetry.wire import groups_of
 from tools.flight_facts import law_of, phases_of
 from tools.review.geometry import to_go
 from tools.review.palette import PHASES, STATES, Rgba
-from tools.review.panels import TELEMETRY_PREFIX
+from tools.review.panels import TELEMETRY_PREFIX, is_state
+from tools.review.signals import shown
 from tools.review.source import FlightData
 
 F8 = npt.NDArray[np.float64]
@@ -25,6 +27,7 @@ RATE_HZ = 10.0  # of a line; commands are shown at every minor frame
 FULL_RATE = ("FSW_COMMAND",)
 RATES = {"drag_rate_mps3": "drag_mps2", "heat_flux_rate_wpm2ps": "heat_flux_wpm2"}
 """Rates of change that are compared with what guidance estimates, and what of."""
+TO_GO = ("range_to_go_m", "crossrange_to_go_m")
 ROUND = ("heading_rad", "bank_rad")  # shown without their jumps from 180 to -180 deg
 BUS_COLUMNS = {
     "frames": 1.0,
@@ -69,6 +72,8 @@ def while_formed(flight: FlightData, name: str, t_s: F8, values: F8) -> tuple[F8
     at = np.clip(np.searchsorted(reported_s, t_s), 0, len(reported_s) - 1)
     first: dict[str, int] = getattr(law_of(flight.recording.manifest), "FIRST_PHASE", {})
     is_formed = (signals["mode"][at] == modes.ENTRY) & (signals["phase"][at] >= first.get(name, 0))
+    if name in getattr(law_of(flight.recording.manifest), "COAST_TELEMETRY", ()):
+        is_formed |= signals["mode"][at] == modes.COAST
     ends = np.append(False, is_formed[:-1] & ~is_formed[1:])
     kept = is_formed | ends
     return t_s[kept], np.where(ends, np.nan, values)[kept]
@@ -89,13 +94,48 @@ def truth_column(flight: FlightData, name: str) -> tuple[F8, F8]:
         t_s = flight.truth["t_s"]
         rate: F8 = np.gradient(flight.truth[RATES[name]].astype(float), t_s.astype(float))
         return t_s, rate
-    if name in ("range_to_go_m", "crossrange_to_go_m"):
+    if name in TO_GO:
         found = target_of(flight)
         if found is not None and flight.has("lon_rad", "lat_rad"):
             here = flight.truth["lon_rad"], flight.truth["lat_rad"]
             both = to_go(*here, found, float(flight.planet_radius_m or 0.0))
-            return flight.truth["t_s"], both[int(name.startswith("cross"))]
+            return flight.truth["t_s"], both[TO_GO.index(name)]
     return np.zeros(0), np.zeros(0)
+
+
+class Planned(NamedTuple):
+    """What was to be flown, of one quantity."""
+
+    name: str
+    t_s: F8
+    values: F8
+
+
+def planned(flight: FlightData, name: str) -> list[Planned]:
+    """What each planned track has of a field of the truth, over the time at which it was to be."""
+    found = []
+    for track in flight.planned.tracks:
+        t_s = track.reference.get("t_s", np.zeros(0))
+        values = track.reference.get(name)
+        if name in TO_GO:
+            values = _planned_to_go(flight, name, track.reference)
+        if values is None or not len(t_s):
+            continue
+        if name in ROUND and flight.has(name):  # on the turn that is drawn of the flight
+            turns = (float(flight.truth[name][0]) - values[0]) / math.tau
+            values = values + math.tau * round(turns)
+        found.append(Planned(track.name, t_s, values))
+    return found
+
+
+def _planned_to_go(flight: FlightData, name: str, reference: Mapping[str, F8]) -> F8 | None:
+    """Range and crossrange to go as the flown ones: about the great circle of the flight."""
+    target = target_of(flight)
+    if target is None or not flight.has("lon_rad", "lat_rad") or "lon_rad" not in reference:
+        return None
+    here = [np.append(flight.truth[axis][0], reference[axis]) for axis in ("lon_rad", "lat_rad")]
+    both = to_go(here[0], here[1], target, float(flight.planet_radius_m or 0.0))
+    return both[TO_GO.index(name)][1:]
 
 
 def target_of(flight: FlightData) -> tuple[float, float] | None:
@@ -150,7 +190,29 @@ class Lane(NamedTuple):
 
 
 def lanes(flight: FlightData) -> list[Lane]:
-    """What state the flight computer reported, by signal."""
+    """What state the flight computer reported, by signal, and then its law."""
+    return _status_lanes(flight) + _law_lanes(flight)
+
+
+def _law_lanes(flight: FlightData) -> list[Lane]:
+    """Telemetry whose values have names: states, and no lines."""
+    found = []
+    for message in flight.recording.decoder.messages:
+        states = [s for s in message.signals if is_state(message, s)]
+        t_s, signals = flight.message(message.name) if states else (np.zeros(0), {})
+        if not len(t_s):
+            continue
+        for signal in states:
+            words = {code: word.lower().replace("_", " ") for code, word in signal.names}
+            values = signals[signal.name].astype(np.int64)
+            places = changes(values)
+            told = [words.get(int(v), str(int(v))) for v in values[places]]
+            title = shown(signal.name).title
+            found.append(Lane(title, t_s[places], told, _colours([*words.values(), *told])))
+    return found
+
+
+def _status_lanes(flight: FlightData) -> list[Lane]:
     t_s, signals = flight.message(STATUS)
     if not len(t_s):
         return []

@@ -62,6 +62,32 @@ def to_go(
     return range_m, -radius_m * np.arcsin(np.clip(left, -1.0, 1.0))
 
 
+def across(
+    place_rad: tuple[float, float], heading_rad: float, target_rad: tuple[float, float]
+) -> tuple[float, F8]:
+    """By what angle a target lies to the right of the great circle from a place along a heading,
+    and where on that circle it is abeam, as a unit vector; places are longitude and latitude."""
+    lon, lat = np.array(place_rad[:1]), np.array(place_rad[1:])
+    east, north, up = east_north_up(lon, lat)
+    right = np.cos(heading_rad) * east[0] - np.sin(heading_rad) * north[0]
+    there = positions(np.array(target_rad[:1]), np.array(target_rad[1:]), 1.0)[0]
+    share = float(np.clip(there @ right, -1.0, 1.0))
+    abeam = there - share * right
+    length = float(np.linalg.norm(abeam))
+    return float(np.arcsin(share)), abeam / length if length > 0.0 else up[0]
+
+
+def arc(start: F8, end: F8, points: int = 40) -> F8:
+    """Unit vectors along the great circle between two, the shorter way, one row each."""
+    angle = float(np.arctan2(np.linalg.norm(np.cross(start, end)), start @ end))
+    share = np.linspace(0.0, 1.0, points)[:, None]
+    if not np.sin(angle) > 0.0:
+        return np.repeat(start[None, :], points, axis=0)
+    return np.asarray(
+        (np.sin((1.0 - share) * angle) * start + np.sin(share * angle) * end) / np.sin(angle)
+    )
+
+
 def circle(lon_rad: float, lat_rad: float, radius_rad: float, points: int = 73) -> F8:
     """Longitudes and latitudes of the places at one distance from another, closed."""
     bearing = np.linspace(0.0, 2.0 * np.pi, points)

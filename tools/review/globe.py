@@ -8,8 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from tools.review.coastlines import land, shore_lines
-from tools.review.geometry import circle, east_north_up, positions, velocity_and_lift
+from tools.review.geometry import (
+    across,
+    arc,
+    circle,
+    east_north_up,
+    positions,
+    velocity_and_lift,
+)
 from tools.review.palette import (
+    AXIS_RGBA,
     COAST_RGBA,
     GRATICULE_RGBA,
     LIFT,
@@ -20,6 +28,7 @@ from tools.review.palette import (
     faded,
 )
 from tools.review.stage import Stage, part
+from tools.tracks import Track
 
 F8 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.void]
@@ -34,6 +43,8 @@ MOVING_HZ = 2.0
 LIFT_SHARE, VELOCITY_SHARE, COMB_SHARE = 0.045, 0.06, 0.025  # of the radius
 TRACK_POINTS = 3000
 AHEAD_RAD = 0.8  # of a flight that has not been flown
+NAME_AWAY = 0.1  # of the radius, beyond the end of a line that it names
+CROSSRANGE_MIN_KM = 1.0  # less is not drawn
 EYE_UP, EYE_ASIDE = 0.8, 0.45  # of the length of the track
 
 SEA, LAND = (24, 46, 72), (58, 78, 62)
@@ -157,6 +168,58 @@ def draw_track(stage: Stage, label: str, truth: Rows, body: Body, look: Palette)
         colour = faded(LIFT if look.is_alone else look.commanded, 190)
         lines = rr.LineStrips3D(teeth, colors=[colour], radii=rr.Radius.ui_points(0.6))
         stage.still(f"{path}/lift_comb", lines)
+
+
+def draw_planned(
+    stage: Stage, label: str, tracks: tuple[Track, ...], body: Body, look: Palette
+) -> None:
+    """What was meant: beneath the track that was flown, and wider."""
+    rr = stage.rr
+    for number, track in enumerate(tracks):
+        if not set(POSITION) <= track.path.keys():
+            continue
+        path = f"{PATH}/flights/{part(label)}/{part(track.name)}"
+        lon, lat, alt_m = (np.asarray(track.path[name]) for name in POSITION)
+        line = positions(lon, lat, body.radius_km + alt_m / 1e3)
+        ground = positions(lon, lat, np.full_like(lon, body.radius_km * LIFTED))
+        colour = look.plan_of(number)
+        drawn = rr.LineStrips3D([line], colors=[colour], radii=rr.Radius.ui_points(2.8))
+        stage.still(path, drawn)
+        shadow = rr.LineStrips3D(
+            [ground], colors=[faded(colour, 110)], radii=rr.Radius.ui_points(1.6)
+        )
+        stage.still(f"{path}/ground_track", shadow)
+
+
+def draw_crossrange(
+    stage: Stage, label: str, truth: Rows, target_rad: tuple[float, float], body: Body
+) -> None:
+    """The great circle on that the flight began, and how far across it the target lies."""
+    rr, first, yellow = stage.rr, truth[0], TARGET
+    here = float(first["lon_rad"]), float(first["lat_rad"])
+    right_rad, abeam = across(here, float(first["heading_rad"]), target_rad)
+    km = abs(right_rad) * body.radius_km
+    if km < CROSSRANGE_MIN_KM:
+        return
+    start = positions(np.array(here[:1]), np.array(here[1:]), 1.0)[0]
+    end = positions(np.array(target_rad[:1]), np.array(target_rad[1:]), 1.0)[0]
+    lines = [arc(start, abeam), arc(abeam, end)]
+    above = body.radius_km * LIFTED
+    path = f"{PATH}/flights/{part(label)}/crossrange"
+    drawn = rr.LineStrips3D(
+        [line * above for line in lines],
+        colors=[faded(AXIS_RGBA, 150), faded(yellow, 220)],
+        radii=rr.Radius.ui_points(0.9),
+    )
+    stage.still(path, drawn)
+    name = rr.Points3D(
+        (abeam - NAME_AWAY * (end - abeam) / np.linalg.norm(end - abeam))[None, :] * above,
+        colors=[yellow],
+        labels=[f"crossrange {km:z,.0f} km {'right' if right_rad > 0.0 else 'left'}"],
+        show_labels=True,
+        radii=rr.Radius.ui_points(0.01),
+    )
+    stage.still(f"{path}/name", name)
 
 
 def _directions(truth: Rows) -> tuple[F8, F8]:

@@ -1,6 +1,6 @@
 """The blueprint: which views there are, and where they stand."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,8 @@ COLUMNS = 3
 BACKGROUND = (14, 17, 22)
 TIME_ROOM = 1.01
 LOG_COLUMNS: list[Any] = ["entitypath", "loglevel", "body"]
+STATES_LEAST, STATES_MOST, SHARE_PER_LANE, LOG_SHARE = 3.0, 4.2, 0.46, 2.0
+CORNERS = ("RightTop", "LeftTop", "RightBottom", "LeftBottom")
 TABS = (ENTRY, TRAJECTORY, GUIDANCE, BUS, FLIGHTS)
 
 
@@ -32,6 +34,12 @@ class Shape(NamedTuple):
     until_s: float
     """End of the time axes; infinite while the flight goes on."""
     flights: int = 1
+    planned: frozenset[str] = frozenset()
+    """Paths of the panels that have planned lines."""
+    lanes: int = 5
+    """Of states."""
+    corners: Mapping[str, str] = {}
+    """Where in a panel there is room for its legend, by its path."""
 
 
 def time_axis(until_s: float) -> Any:
@@ -51,9 +59,10 @@ def time_view(panel: Panel, ends: Ends, shape: Shape) -> Any:
     import rerun.blueprint as rrb
 
     axis = rrb.ScalarAxis(range=ends) if ends else None
-    corner = rrb.Corner2D.RightTop if panel.tab == ENTRY else rrb.Corner2D.LeftTop
+    corner = rrb.Corner2D[shape.corners.get(panel.path, CORNERS[0])]
     has_limit = bool(panel.limit) and ends is not None and ends[0] == 0.0
-    is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_limit
+    has_others = has_limit or panel.path in shape.planned
+    is_told_apart = shape.flights > 1 or len(panel.lines) > 1 or has_others
     return rrb.TimeSeriesView(
         origin=f"/{panel.path}",
         name=panel.heading,
@@ -92,6 +101,12 @@ def globe_view(body: globe.Body, eye: tuple[F8, F8, F8]) -> Any:
     )
 
 
+def _shares(lanes: int) -> list[float]:
+    """Of the globe, the states and the log: as many lanes are to be seen as leave it its room."""
+    states = min(max(STATES_LEAST, SHARE_PER_LANE * (lanes + 1)), STATES_MOST)
+    return [10.0 - LOG_SHARE - states, states, LOG_SHARE]
+
+
 def _grid(name: str, views: Sequence[Any]) -> Any:
     import rerun.blueprint as rrb
 
@@ -123,7 +138,7 @@ def blueprint(shape: Shape, tab: str = ENTRY) -> Any:
     left = [globe_view(*shape.planet)] if shape.planet else [sheet]
     middle = [chart_view(chart) for chart in shape.charts or ()]
     first = rrb.Horizontal(
-        rrb.Vertical(*left, states, log, row_shares=[5, 3, 2]),
+        rrb.Vertical(*left, states, log, row_shares=_shares(shape.lanes)),
         *([rrb.Vertical(*middle)] if middle else []),
         rrb.Vertical(*plots[ENTRY]),
         column_shares=[5, 4, 4] if middle else [1, 1],

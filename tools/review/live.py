@@ -29,6 +29,7 @@ from tools.review.panels import PANELS, TO_GO, Panel, bus_panels, telemetry_pane
 from tools.review.review import ends_from_zero
 from tools.review.source import FlightData, limits_of
 from tools.review.stage import Stage
+from tools.tracks import Tracks
 
 Rows = npt.NDArray[np.void]
 F8 = npt.NDArray[np.float64]
@@ -80,6 +81,7 @@ class LiveFlight(FlightData):
         self.world = world_of(mission)[0]
         self.planet_radius_m = mission.planet.radius_km * 1e3
         self.tables = mission.model_dump()
+        self.planned = Tracks()  # found out from a recording, not while the flight goes on
         self.recording = LiveRecording(Decoder(icd.LAYOUT), manifest)  # type: ignore[assignment]
 
     def piece(self, bus: Rows, truth: Rows, log: list[LogLine]) -> "LiveFlight":

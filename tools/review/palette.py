@@ -31,6 +31,7 @@ FLIGHTS = tuple(
         "6f9cff", "e9d758",
     )
 )  # fmt: skip
+PLANNED = _rgb("8f5bff")
 COMMANDED, SATURATED, LIFT, VELOCITY = _rgb("ffb703"), _rgb("ff3df0"), _rgb("8ac926"), TEXT
 OTHERS = (*FLIGHTS[1:], FLIGHTS[0])
 
@@ -70,6 +71,11 @@ class Palette(NamedTuple):
     commanded: Rgba
     margin: Rgba
     is_alone: bool
+    planned: Rgba = PLANNED
+
+    def plan_of(self, number: int) -> Rgba:
+        """Of a planned track; of further ones ever darker."""
+        return mixed(self.planned, (0, 0, 0, 255), min(0.3 * number, 0.6))
 
     def other(self, number: int) -> Rgba:
         """Of a further line in the same plot."""
@@ -84,4 +90,4 @@ def palette(number: int, flights: int) -> Palette:
     if flights == 1:
         return Palette(flown, COMMANDED, faded(flown, 60), True)
     lighter = mixed(flown, (255, 255, 255, 255), 0.55)
-    return Palette(flown, lighter, faded(flown, 40), False)
+    return Palette(flown, lighter, faded(flown, 40), False, mixed(flown, (128, 128, 128, 255), 0.6))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from flight_sw.icd import Message
+from flight_sw.icd import Message, Signal
 from tools.review.signals import PURE, shown, truth_name
 from tools.review.stage import part
 
@@ -100,6 +100,11 @@ def unit_of(name: str) -> str:
     return shown(name).unit
 
 
+def is_state(message: Message, signal: Signal) -> bool:
+    """Whether a law telemeters a state by it, whose values have names: no quantity to plot."""
+    return message.name.startswith(TELEMETRY_PREFIX) and bool(signal.names)
+
+
 def telemetry_panels(messages: Sequence[Message], truth_fields: Sequence[str]) -> list[Panel]:
     """A panel for each quantity that the law telemeters, with the truth beside what is about it."""
     by_quantity: dict[str, list[Line]] = {}
@@ -107,7 +112,7 @@ def telemetry_panels(messages: Sequence[Message], truth_fields: Sequence[str]) -
         if not message.name.startswith(TELEMETRY_PREFIX):
             continue
         for signal in message.signals:
-            if signal.name not in PROTECTION:
+            if signal.name not in PROTECTION and not is_state(message, signal):
                 line = Line(shown(signal.name).title, signal.name, message.name)
                 by_quantity.setdefault(truth_name(signal.name), []).append(line)
     found = []

@@ -20,7 +20,10 @@ F8 = npt.NDArray[np.float64]
 MARGIN_HZ, MARGIN_STROKES = 2.0, 800  # strokes of the shade: a second, and at least in a flight
 MARGIN_STEP_S = 1e-3  # from the lower end of a stroke to its upper end
 NAMED_AT = (0.88, 0.8, 0.72, 0.64, 0.56, 0.48)  # along a flight's line in a chart
-WIDE, THIN = 3.6, 1.5  # what is commanded shows on both sides of what is flown
+BENEATH = "as_"  # of an entity: Rerun draws them in the order of their names
+WIDEST, WIDE, THIN = 6.0, 3.6, 1.5
+"""Planned, commanded and flown: what lies beneath shows on both sides of what lies above."""
+PLANNED_NAMED_AT = 0.3  # along its line
 DRAG_CHART, ALTITUDE_CHART = "charts/drag", "charts/altitude"
 
 
@@ -38,17 +41,40 @@ def draw_panel(stage: Stage, panel: Panel, flight: FlightData, look: Palette) ->
             colour = look.commanded
         else:
             colour, spare = look.other(spare), spare + 1
-        path = f"{panel.path}/{part(flight.label)}/{part(line.name)}"
         name = line.name if look.is_alone else f"{flight.label}: {line.name}"
         is_beneath = line.is_commanded or (panel.tab == GUIDANCE and not line.is_flown)
         wide = is_beneath and look.is_alone and panel.lines[-1].is_flown
+        is_behind = wide and part(line.name) > part(panel.lines[-1].name)
+        path = f"{panel.path}/{part(flight.label)}/{BENEATH if is_behind else ''}{part(line.name)}"
         stage.line_style(path, name, colour, WIDE if wide else THIN)
         stage.scalars(path, t_s, values * shown(line.field).factor)
+    any_line |= _draw_planned(stage, panel, flight, look)
     if panel.path in SATURATION:
         _draw_saturation(stage, panel, flight, look)
     if panel.limit and any_line:
         _draw_margin(stage, panel, flight, look)
     return any_line
+
+
+def planned_of(panel: Panel, flight: FlightData) -> list[columns.Planned]:
+    """What was planned of what a panel shows as flown; telemetry has panels of its own."""
+    flown = [line.field for line in panel.lines if line.is_flown and panel.tab != GUIDANCE]
+    return [found for field in flown for found in columns.planned(flight, field)]
+
+
+def flown_factor(panel: Panel) -> float:
+    """From SI to the unit of what a panel shows as flown."""
+    return next(shown(line.field).factor for line in panel.lines if line.is_flown)
+
+
+def _draw_planned(stage: Stage, panel: Panel, flight: FlightData, look: Palette) -> bool:
+    found = planned_of(panel, flight)
+    for number, (name, t_s, values) in enumerate(found):
+        path = f"{panel.path}/{part(flight.label)}/{BENEATH}{part(name)}"
+        title = name if look.is_alone else f"{flight.label}: {name}"
+        stage.line_style(path, title, look.plan_of(number), WIDEST if look.is_alone else WIDE)
+        stage.scalars(path, t_s, values * flown_factor(panel))
+    return bool(found)
 
 
 def limit_of(panel: Panel, flight: FlightData) -> float:
@@ -188,6 +214,7 @@ def draw_flight_in_charts(
     if not flight.has("v_rel_mps", "drag_mps2", "alt_m"):
         return
     kept = columns.thinned(truth["t_s"], 2.0)
+    _draw_planned_in_charts(stage, charts, flight, look)
     for chart, values in zip(charts, (truth["drag_mps2"], truth["alt_m"] / 1e3), strict=True):
         path = f"flights/{part(flight.label)}"
         label = "" if look.is_alone else flight.label
@@ -199,3 +226,18 @@ def draw_flight_in_charts(
             colors=[look.flown], radii=rr.Radius.ui_points(5.0), draw_order=20.0
         )
         stage.still(f"{chart.path}/{path}/now", dot)
+
+
+def _draw_planned_in_charts(
+    stage: Stage, charts: tuple[Chart, Chart], flight: FlightData, look: Palette
+) -> None:
+    """What was planned, beneath what was flown."""
+    for number, track in enumerate(flight.planned.tracks):
+        for chart, field, factor in zip(charts, ("drag_mps2", "alt_m"), (1.0, 1e-3), strict=True):
+            if not {"v_rel_mps", field} <= track.path.keys():
+                continue
+            label = track.name if look.is_alone else ""
+            share = PLANNED_NAMED_AT + 0.1 * number
+            line = Look(look.plan_of(number), WIDEST, 8.0, label, share)
+            path = f"flights/{part(flight.label)}/{part(track.name)}"
+            chart.draw_line(stage, path, track.path["v_rel_mps"], track.path[field] * factor, line)

@@ -6,8 +6,9 @@ import numpy.typing as npt
 from tools.review import globe, plots
 from tools.review.chart import Chart
 from tools.review.columns import column, target_of, thinned, truth_fields
+from tools.review.columns import lanes as all_lanes
 from tools.review.corridor import EQUILIBRIUM, UPPER, PathLimits
-from tools.review.layout import Ends, Shape
+from tools.review.layout import CORNERS, Ends, Shape
 from tools.review.palette import palette
 from tools.review.panels import (
     BUS,
@@ -27,6 +28,8 @@ from tools.spans import widened
 
 F8 = npt.NDArray[np.float64]
 
+LEGEND_ACROSS, LEGEND_UP, LEGEND_UP_MAX = 0.25, 0.17, 0.7
+"""What of a panel a legend takes, up by the line; two more than the panel has: plan, limit."""
 ROOM = 1.12  # of a limit or a count: how far a plot reaches beyond it
 LIMIT_INDEX = {name: index for index, name in enumerate(UPPER)}
 """Where in PathLimits a limit of the corridor stands."""
@@ -48,7 +51,36 @@ def plan(flights: list[FlightData]) -> Shape:
     body = globe.body_of(float(over[0].planet_radius_m or 0.0)) if over else None
     planet = (body, _eye(over[0], body)) if body is not None else None
     until_s = max(flight.recording.until_s for flight in flights)
-    return Shape(panels, charts, planet, until_s, len(flights))
+    planned = {p.path for p in shown if any(plots.planned_of(p, f) for f in flights)}
+    lanes = sum(len(all_lanes(flight)) for flight in flights)
+    corners = {panel.path: _free_corner(panel, flights) for panel in shown}
+    return Shape(panels, charts, planet, until_s, len(flights), frozenset(planned), lanes, corners)
+
+
+def _free_corner(panel: Panel, flights: list[FlightData]) -> str:
+    """The corner of a panel with the fewest points of its lines, for its legend."""
+    lines = [column(f, line.message, line.field) for f in flights for line in panel.lines]
+    lines = [(t_s[kept], values[kept]) for t_s, values in lines for kept in [np.isfinite(values)]]
+    t_s, values = (np.concatenate([np.zeros(0), *axis]) for axis in zip(*lines, strict=True))
+    if not len(t_s):
+        return CORNERS[0]
+    up = min((len(panel.lines) + 2) * LEGEND_UP, LEGEND_UP_MAX)
+    x, y = (_share(axis) for axis in (t_s, values))
+    is_at = {
+        "Left": x < LEGEND_ACROSS, "Right": x > 1.0 - LEGEND_ACROSS,
+        "Bottom": y < up, "Top": y > 1.0 - up,
+    }  # fmt: skip
+    taken = {
+        f"{side}{end}": int(np.count_nonzero(is_at[side] & is_at[end]))
+        for side in ("Left", "Right")
+        for end in ("Bottom", "Top")
+    }
+    return min(CORNERS, key=lambda corner: taken[corner])
+
+
+def _share(values: F8) -> F8:
+    """Where values lie between the least and the greatest, from 0 to 1."""
+    return (values - values.min()) / (float(np.ptp(values)) or 1.0)
 
 
 def _has(panel: Panel, flight: FlightData) -> bool:
@@ -90,6 +122,9 @@ def _values(panel: Panel, flights: list[FlightData]) -> F8:
         for flight in flights
         for line in panel.lines
     ]
+    for flight in flights:
+        for line in plots.planned_of(panel, flight):
+            found.append(line.values * plots.flown_factor(panel))
     values = np.concatenate([np.zeros(0), *found])
     return values[np.isfinite(values)]
 
@@ -149,6 +184,11 @@ def _draw_globe(stage: Stage, flights: list[FlightData], body: globe.Body) -> No
         if not flight.has(*globe.POSITION):
             continue
         look = palette(number, len(flights))
+        tracks = flight.planned.tracks
+        globe.draw_planned(stage, flight.label, tracks, body, look)
+        target = target_of(flight)
+        if tracks and target is not None and flight.has("heading_rad"):
+            globe.draw_crossrange(stage, flight.label, flight.truth, target, body)
         globe.draw_track(stage, flight.label, flight.truth, body, look)
         moving = flight.truth[thinned(flight.truth["t_s"], globe.MOVING_HZ)]
         globe.draw_vehicle(stage, flight.label, moving, body, look)

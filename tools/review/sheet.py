@@ -42,6 +42,9 @@ def _flight(flight: FlightData) -> str:
         f"{missing_frames(flight)} missing"
     )
     lines += [f"- **{gap}**" for gap in flight.gaps]
+    for track in flight.planned.tracks:
+        lines += ["", f"| {track.name} | |", "| --- | ---: |"]
+        lines += [f"| {title} | {value} |" for title, value in track.facts]
     lines += [
         "",
         "| extreme | value | unit | limit | at, s |",

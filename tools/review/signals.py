@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 UNITS: dict[str, tuple[float, str]] = {
     "rad": (math.degrees(1.0), "deg"),
+    "rads": (math.degrees(1.0), "deg s"),
     "radps": (math.degrees(1.0), "deg/s"),
     "radps2": (math.degrees(1.0), "deg/s²"),
     "wpm2": (1e-3, "kW/m²"),
@@ -27,12 +28,13 @@ UNITS: dict[str, tuple[float, str]] = {
 
 PURE = "-"
 WORDS = {
-    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "alpha": "angle of attack",
-    "lat": "latitude", "lon": "longitude", "est": "estimated", "ref": "reference", "rho": "density",
+    "cmd": "commanded", "alt": "altitude", "v rel": "speed", "v error": "speed error",
+    "alpha": "angle of attack", "lat": "latitude", "lon": "longitude", "est": "estimated",
+    "ref": "reference", "rho": "density",
 }  # fmt: skip
 QUALIFIERS = {
     "cmd", "est", "estimated", "estimate", "ref", "reference", "nominal", "observed", "obs",
-    "measured", "filtered", "model", "predicted", "hat", "used",
+    "measured", "filtered", "model", "plan", "planned", "predicted", "hat", "used",
 }  # fmt: skip
 """Words that say which value of a quantity is meant: without them the name is that of the truth."""
 

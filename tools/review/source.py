@@ -23,6 +23,7 @@ from sim_harness.world.assembly import world_of
 from sim_harness.world.missions import mission_of
 from tools.review.corridor import PathLimits
 from tools.review.stage import part
+from tools.tracks import Tracks, tracks_of
 
 F8 = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.void]
@@ -61,6 +62,8 @@ class FlightData:
         self.gaps: list[str] = []
         self.mission, self.world = self._mission()
         self.limits = limits_of(self.mission)
+        self.planned: Tracks = tracks_of(recording)
+        self.gaps += self.planned.gaps
         self.planet_radius_m = None if self.mission is None else self.mission.planet.radius_km * 1e3
 
     @property

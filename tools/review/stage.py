@@ -52,6 +52,8 @@ class Stage:
         self.rr = rr = quiet_rerun()
         self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
         self.drawn: set[tuple[str, float]] = set()  # limits, by panel: one line for all flights
+        self.names_at: dict[str, dict[str, tuple[F8, F8]]] = {}
+        """By chart and line: where the line's name stands, and half of what it takes."""
         self._name = name
         self.is_live = False
         self._last_state: dict[str, str] = {}

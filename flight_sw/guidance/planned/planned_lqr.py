@@ -19,6 +19,7 @@ from flight_sw.model.motion import N_STATES, RADIUS, V
 from flight_sw.model.profile import BREAKS_MAX, KNOTS_MAX, PROFILE
 from flight_sw.model.propagation import ENDED, GOING, advance, begin
 from flight_sw.records import status
+from flight_sw.records.events import Event
 from flight_sw.records.fields import Field, RecordSpec
 from flight_sw.records.types_ import F8, Record
 from flight_sw.runtime.jit import kernel, seldom_kernel
@@ -55,6 +56,16 @@ NOT_BEGUN, SEEKING, WRITING, IN_FORCE, FAILED = 0, 1, 2, 3, 4
 STAGES = ("not begun", "seeking", "writing", "in force", "failed")
 FROM_LOAD, FROM_JOB = 0, 1
 SOURCES = ("load", "onboard")
+
+COAST_TELEMETRY = TELEMETRY[PLAN_STAGE:]
+EVENTS = {
+    "plan_stage": Event(
+        "plan",
+        "{plan_ending} after {plan_flights} flights ahead, source {plan_source}",
+        (IN_FORCE, FAILED),
+        (FAILED,),
+    )
+}
 
 PROFILE_SPEC = RecordSpec.of(
     "profile",
@@ -199,8 +210,7 @@ def plan_on(load: Record, state: Record) -> None:
 
 
 @seldom_kernel
-def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
-    """Called in every minor frame of COAST: begins a job at the first fix, and goes on with it."""
+def _begin_or_go_on(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
     design = load["law"]
     if state["stage"] == NOT_BEGUN and design["plans_onboard"] == 1:
         if not has_fix:
@@ -214,6 +224,13 @@ def coast(load: Record, state: Record, nav: Record, has_fix: bool) -> None:
         state["stage"] = SEEKING
         return
     plan_on(load, state)
+
+
+@seldom_kernel
+def coast(load: Record, state: Record, nav: Record, has_fix: bool, out: Record) -> None:
+    """Called in every minor frame of COAST: begins a job at the first fix, and goes on with it."""
+    _begin_or_go_on(load, state, nav, has_fix)
+    _report_planning(load, state, out["telemetry"])
 
 
 @seldom_kernel
@@ -249,11 +266,26 @@ def step(load: Record, state: Record, nav: Record, out: Record) -> int:
 
 @kernel
 def _report_plan(plan: Record, told: F8) -> None:
+    """How the plan in force was made."""
     told[PLAN_ENDING] = plan["ending"]
     told[PLAN_ITERATIONS] = plan["iterations"]
     told[PLAN_FLIGHTS] = plan["flights"]
     told[PLAN_TARGET_ERROR] = min(plan["target_error"], TOLD_MAX)
     told[PLAN_EXCESS] = min(plan["excess"], TOLD_MAX)
+
+
+@kernel
+def _report_planning(load: Record, state: Record, told: F8) -> None:
+    """The job's stage and the plan in force; of a job that failed how it ended, and when."""
+    told[PLAN_STAGE] = state["stage"]
+    told[PLAN_SOURCE] = state["source"]
+    if state["source"] == FROM_JOB:
+        _report_plan(state["plans"][state["in_force"]], told)
+    else:
+        _report_plan(load["law"]["stored"], told)
+    if state["stage"] == FAILED:
+        told[PLAN_ENDING] = state["job"]["ending"]
+        told[PLAN_FLIGHTS] = state["job"]["flights"]
 
 
 @seldom_kernel
@@ -269,9 +301,4 @@ def _report(load: Record, state: Record, out: Record) -> None:
     told[PLAN_V] = x[V] - planned[V]
     told[PLAN_BANK] = own["reference"]["bank_rad"]
     told[PLAN_INTEGRAL] = own["integral_rads"]
-    told[PLAN_STAGE] = state["stage"]
-    told[PLAN_SOURCE] = state["source"]
-    if state["source"] == FROM_JOB:
-        _report_plan(state["plans"][state["in_force"]], told)
-    else:
-        _report_plan(load["law"]["stored"], told)
+    _report_planning(load, state, told)

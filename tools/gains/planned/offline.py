@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from flight_sw.guidance.planned import plan_job, planned_lqr
 from flight_sw.guidance.planned.plan import PLAN, add_row, begin_rows
-from flight_sw.model.motion import STATES
 from flight_sw.model.propagation import ENDED, GOING, advance, begin
+from flight_sw.records.dictionary import GUIDANCE
 from flight_sw.records.types_ import Record
 from flight_sw.runtime.jit import kernel
 from sim_harness.mission.mission import Mission
@@ -33,11 +33,11 @@ class Planned(NamedTuple):
 
 
 @kernel
-def _plan(loads: Any, states: Any, navs: Any) -> int:
+def _plan(loads: Any, states: Any, navs: Any, outs: Any) -> int:
     """Minor frames of COAST until the job is over."""
     state = states[0]
     for frame in range(FRAMES_MAX):
-        planned_lqr.coast(loads[0], state, navs[0], True)
+        planned_lqr.coast(loads[0], state, navs[0], True, outs[0])
         if state["stage"] in (planned_lqr.IN_FORCE, planned_lqr.FAILED):
             return frame + 1
     return FRAMES_MAX
@@ -79,7 +79,7 @@ def fix_at_entry(mission: Mission) -> Rows:
 def plan_offline(load: Rows, nav: Rows) -> Planned:
     """The plan that a computer with this load makes from a fix; both have shape (1,)."""
     state = np.zeros(1, planned_lqr.STATE.dtype)
-    frames = int(_plan(load, state, nav))
+    frames = int(_plan(load, state, nav, np.zeros(1, GUIDANCE)))
     plan = np.zeros(1, PLAN)
     if int(state["stage"][0]) == planned_lqr.IN_FORCE:
         plan[0] = state["plans"][0, int(state["in_force"][0])]
@@ -103,10 +103,3 @@ def iterations_of(job: Record) -> list[dict[str, float]]:
         }
         for i, row in enumerate(told)
     ]
-
-
-def states_of(plan: Record) -> dict[str, npt.NDArray[np.float64]]:
-    """Columns of a plan by name, and its index."""
-    n = int(plan["n_rows"])
-    columns = {name: np.array(plan["state"][:n, i]) for i, name in enumerate(STATES)}
-    return {"index": np.array(plan["index"][:n]), **columns}

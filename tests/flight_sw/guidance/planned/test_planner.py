@@ -11,6 +11,7 @@ from flight_sw import icd
 from flight_sw.guidance.planned import plan_job, planned_lqr
 from flight_sw.load_image import activate, read_image
 from flight_sw.model.motion import LAMBDA, PHI
+from flight_sw.records.dictionary import GUIDANCE
 from flight_sw.runtime.jit import kernel
 from sim_harness.mission.mission import GAINS
 from sim_harness.world.missions import load_mission
@@ -81,18 +82,19 @@ def test_the_mirror_image_is_planned_from_the_same_guess_with_the_bank_mirrored(
 
 
 @kernel
-def fly_the_first(loads: Any, states: Any, navs: Any) -> float:
+def fly_the_first(loads: Any, states: Any, navs: Any, outs: Any) -> float:
     """Squared error of the flight along the plan in force: what a job compares with."""
     state = states[0]
     for _ in range(10_000):
-        planned_lqr.coast(loads[0], state, navs[0], True)
+        planned_lqr.coast(loads[0], state, navs[0], True, outs[0])
         if state["job"]["guess"] > 0:
             break
     return state["job"]["merit"]
 
 
 def merit_of_the_first(changed: np.ndarray, fix: np.ndarray) -> float:
-    return float(fly_the_first(changed, np.zeros(1, planned_lqr.STATE.dtype), fix))
+    state = np.zeros(1, planned_lqr.STATE.dtype)
+    return float(fly_the_first(changed, state, fix, np.zeros(1, GUIDANCE)))
 
 
 def test_the_ground_s_plan_is_kept_where_it_is_good_and_never_made_worse() -> None:
