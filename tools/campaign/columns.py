@@ -4,7 +4,6 @@ What a file claims is held against its size before anything is read: columns tha
 take little room, and a damaged count much. Pages carry checksums.
 """
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pyarrow.parquet as pq
 
 from flight_sw.errors import FlightError
 from sim_harness.mission.documents import short
+from tools.gains.image import replacing
 
 TEXTS = (
     "mission", "law", "outcome", "outcome_class", "end_trigger", "command_sha256", "load_crc32",
@@ -135,6 +135,5 @@ def numbers(table: pa.Table, name: str) -> Any:
 
 def write_table(table: pa.Table, path: Path) -> None:
     """Write under a temporary name, then rename."""
-    temporary = path.with_name(path.name + ".new")
-    pq.write_table(table, temporary, write_page_checksum=True)
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, write_page_checksum=True)

@@ -24,6 +24,7 @@ from sim_harness.world.assembly import truth_of
 from sim_harness.world.records import TRUTH
 from tools.campaign.columns import UNREADABLE, opened, refused
 from tools.campaign.folder import MANIFEST, PROFILES, SPOOL
+from tools.gains.image import replacing
 
 F4 = npt.NDArray[np.float32]
 F8 = npt.NDArray[np.float64]
@@ -132,18 +133,20 @@ class Spool:
         path = self.folder / SPOOL
         if not path.is_file():
             return
-        temporary = self.folder / (PROFILES + ".new")
         shape = (n, len(FIELDS), len(self.speed_mps))
         with path.open("r+b") as spool:
             spool.truncate(n * self.size)
         kept = np.memmap(path, np.float32, "r", shape=shape)
-        with pq.ParquetWriter(
-            temporary, schema(self.speed_mps), compression="zstd", write_page_checksum=True
-        ) as writer:
+        form = schema(self.speed_mps)
+        with (
+            replacing(self.folder / PROFILES) as temporary,
+            pq.ParquetWriter(
+                temporary, form, compression="zstd", write_page_checksum=True
+            ) as writer,
+        ):
             for first in range(0, n, GROUP_ROWS):
                 writer.write_table(table(kept[first : first + GROUP_ROWS], first, self.speed_mps))
         del kept
-        os.replace(temporary, self.folder / PROFILES)
         path.unlink()
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ from tools.campaign.folder import (
 from tools.campaign.job import Flyer
 from tools.campaign.plan import Plan, encoded
 from tools.campaign.profiles import KEY, Spool
-from tools.gains.image import write_atomically
+from tools.gains.image import replacing, write_atomically
 
 KINDS = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
@@ -213,8 +213,10 @@ class Store:
         """Make results.parquet of the journal, in order of runs, a group of rows at a time."""
         self._spool.finish(self.plan.n)
         schema = pa.schema([(key, kind_of(found, key)) for key, found in self._in_order()])
-        temporary = self.folder / (RESULTS + ".new")
-        with pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer:
+        with (
+            replacing(self.folder / RESULTS) as temporary,
+            pq.ParquetWriter(temporary, schema, write_page_checksum=True) as writer,
+        ):
             group: list[dict[str, Any]] = []
             for row in self._rows():
                 group.append(row)
@@ -223,7 +225,6 @@ class Store:
                     group = []
             if group:
                 writer.write_table(pa.Table.from_pylist(group, schema))
-        os.replace(temporary, self.folder / RESULTS)
         self._journal.close()
         (self.folder / JOURNAL).unlink()
 

@@ -6,6 +6,7 @@ import importlib.metadata
 import json
 import os
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -107,17 +108,25 @@ def provenance_path(folder: Path, law: str) -> Path:
     return folder / f"{law}.json"
 
 
-def write_atomically(path: Path, raw: bytes) -> None:
-    """Write under a temporary name, then rename."""
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name to write under; the file takes its place when all is written, or never."""
     temporary = path.with_name(path.name + ".new")
     try:
-        temporary.write_bytes(raw)
+        yield temporary
         os.replace(temporary, path)
     except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        error.filename = str(path)  # a full disk names none
-        raise
+        # A full disk names no file, and Arrow tells of it in words of its own.
+        why = os.strerror(error.errno) if error.errno else str(error)
+        raise OSError(error.errno, why, str(path)) from error
+
+
+def write_atomically(path: Path, raw: bytes) -> None:
+    """Write under a temporary name, then rename."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(raw)
 
 
 def provenance_text(provenance: dict[str, Any]) -> str:
