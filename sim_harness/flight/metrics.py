@@ -38,6 +38,9 @@ METRICS = np.dtype(
 """Judgement of one flight, updated in place."""
 
 
+SIDE_MIN_RAD = math.radians(1.0)  # nearer to level a command is on neither side
+
+
 @kernel
 def _judge_command(metrics: Record, port: Record, dt_s: float) -> None:
     """Account for the command that is flown in one minor frame."""
@@ -50,9 +53,9 @@ def _judge_command(metrics: Record, port: Record, dt_s: float) -> None:
     if port["fix_valid"] == 0:
         metrics["without_fix_s"] += dt_s
     sign = 0
-    if bank_rad > 0.0:
+    if bank_rad >= SIDE_MIN_RAD:
         sign = 1
-    elif bank_rad < 0.0:
+    elif bank_rad <= -SIDE_MIN_RAD:
         sign = -1
     if sign != 0:
         if metrics["bank_sign"] != 0 and sign != metrics["bank_sign"]:

@@ -126,6 +126,8 @@ def test_the_bank_travel_is_the_sum_of_the_steps_without_the_first_command() -> 
         ((1.0, 0.0, 0.0, 1.0), 0),  # through level and back is none
         ((1.0, 0.0, -1.0), 1),  # through level to the other side is one
         ((0.0, 0.0, -1.0), 0),  # the first side taken is none
+        ((1.0, 0.01, -0.01, 0.01, -0.01, 1.0), 0),  # about level there is no side
+        ((1.0, 0.01, -0.01, -0.02), 1),
     ],
 )
 def test_a_reversal_is_a_change_of_the_banks_side(
