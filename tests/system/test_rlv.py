@@ -165,7 +165,8 @@ def test_where_the_bank_moves_nothing_or_the_other_way_the_plan_ends_in_a_word(
     assert np.isfinite(errors).all() and np.isfinite(found.plan["state"]).all()
     if lift_ratio == 0.0:
         assert ENDINGS[int(job["ending"])] != "converged"
-        assert errors[-1] == pytest.approx(errors[0], rel=1e-9)
+        places = {(row["latitude_deg"], row["longitude_deg"]) for row in iterations_of(job)}
+        assert len(places) == 1  # the bank at the end alone gets better
 
 
 def test_gains_that_do_not_cover_the_plan_are_refused_in_a_sentence() -> None:

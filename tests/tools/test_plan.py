@@ -94,7 +94,7 @@ def test_a_plan_crosses_the_date_line_and_the_equator_and_turns_either_way(
     [
         (["hyperion-1"], "law 'planned-lqr' is not designed for hyperion-1"),
         (["nowhere"], "is not shipped"),
-        (["rlv", "--load", "gains/hyperion-1/lqy.load"], "which plans nothing"),
+        (["rlv", "--load", "gains/hyperion-1/lqy.load"], "is made for mission hyperion-1"),
         (["rlv", "--set", "design.plan.given_knots=9"], "given_knots is 9, allowed"),
         (["rlv", "--plot", "/nowhere/x.png"], "--plot /nowhere/x.png: cannot be written"),
     ],
