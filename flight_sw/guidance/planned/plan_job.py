@@ -18,6 +18,9 @@ FULL_STEP_RATIO = 0.5  # of the squared error: a full step that leaves less is n
 
 GUESSES = 3  # the bank of the plan in force, the design's guess, and its mirror image
 
+STEEPER_MAX = 4  # times that guesses are banked more where none of them comes down
+STEEPER_RATIO = 0.2  # of what lacks to a quarter turn, each time
+
 IDLE, WORKING, DONE = 0, 1, 2
 NOT_ENDED, CONVERGED, SMALL_STEP, OUT_OF_ITERATIONS, STUCK = 0, 1, 2, 3, 4
 ENDINGS = ("none", "converged", "small step", "out of iterations", "stuck")
@@ -65,6 +68,7 @@ JOB = np.dtype(
         ("ending", "u4"),  # ENDINGS
         ("iteration", "u4"),
         ("guess", "u4"),  # which is flown; GUESSES once the best is improved
+        ("steeper", "u4"),  # times that the guesses were banked more
         ("trials", "u4"),  # in this iteration
         ("best", "u4"),  # iteration whose end is the best
         ("flights", "u4"),  # ahead, altogether

@@ -12,7 +12,8 @@ is asked for there and no heat flux above its limit. Differences from the source
 
 The job first flies along the plan in force, along the design's guess and its mirror image, and
 improves the best of the three: what it ends with is never worse than what is flown without it, and
-a target to the left of the entry needs no other design.
+a target to the left of the entry needs no other design. Where none of them comes down to the end,
+as where it skips out, all are banked more, up to four times.
 
 A call of `work_on` makes at most `steps_a_frame_count` steps of the flight ahead: the same number
 whatever the pace. Each flight ahead is one trial; a trial that is better becomes what is improved
@@ -37,6 +38,8 @@ from flight_sw.guidance.planned.plan_job import (
     OUT_OF_ITERATIONS,
     ROWS,
     SMALL_STEP,
+    STEEPER_MAX,
+    STEEPER_RATIO,
     STEPS_MAX,
     STUCK,
     TRIALS_MAX,
@@ -61,6 +64,7 @@ def start(
     job["stage"] = WORKING
     job["ending"] = NOT_ENDED
     job["guess"] = 0
+    job["steeper"] = 0
     job["iteration"] = 0
     job["trials"] = 0
     job["best"] = 0
@@ -128,9 +132,26 @@ def _compare(load: Record, design: Record, job: Record, merit: float) -> None:
     if job["guess"] < GUESSES:
         _try_guess(load, job)
     elif job["merit"] == math.inf:
-        _end(job, STUCK)
+        if job["steeper"] < STEEPER_MAX:
+            _bank_more(load, design, job)
+        else:
+            _end(job, STUCK)
     else:
         _improve(load, design, job)
+
+
+@seldom_kernel
+def _bank_more(load: Record, design: Record, job: Record) -> None:
+    """No guess could be flown down: all of them again, with less lift upwards."""
+    job["steeper"] += 1
+    quarter = 0.5 * math.pi
+    for guess in range(GUESSES):
+        for k in range(np.int64(design["first_free_knot"]), np.int64(job["profile"]["n_bank"])):
+            bank = job["guess_rad"][guess, k]
+            more = abs(bank) + STEEPER_RATIO * max(quarter - abs(bank), 0.0)
+            job["guess_rad"][guess, k] = math.copysign(more, bank)
+    job["guess"] = 0
+    _try_guess(load, job)
 
 
 @seldom_kernel
